@@ -297,9 +297,7 @@ async fn maximize(
         climb(cell, recipe, &spot(NEAR)).await?;
         let last = cell.level(channel, 0.04).await?;
         let after = last.mean - found.background;
-        if after < recipe.accept.growth * before {
-            return Err(Outcome::FalseLight { before, after }.into());
-        }
+        Outcome::of_growth(before, after, recipe.accept.growth * before)?;
         job.attach(cell, last, found.background, (None, None)).await
     })
     .await

@@ -27,23 +27,25 @@ impl Across {
         }
     }
 
+    /// What light tells along an axis, 0 or 1: variance of the normal error, square metres, and bound, metres.
+    fn by_light(&self, axis: usize) -> (f64, f64) {
+        let (sigma, bound) = self.askew[axis];
+        let variance = self.sigma[axis].powi(2) - sigma * sigma;
+        (variance.max(0.0), (self.bound[axis] - bound).max(0.0))
+    }
+
     /// The same with what light tells known so many times as badly.
     #[must_use]
     pub fn seen(self, times: f64) -> Self {
-        let sigma = |i: usize| {
-            let (askew, _) = self.askew[i];
-            (times * times * (self.sigma[i].powi(2) - askew * askew))
-                .max(0.0)
-                .sqrt()
-                .hypot(askew)
+        let of = |i: usize| {
+            let ((variance, bound), askew) = (self.by_light(i), self.askew[i]);
+            let sigma = (times * times * variance).sqrt().hypot(askew.0);
+            (sigma, askew.1 + times * bound)
         };
-        let bound = |i: usize| {
-            let (_, askew) = self.askew[i];
-            askew + times * (self.bound[i] - askew).max(0.0)
-        };
+        let of = [of(0), of(1)];
         Self {
-            sigma: [sigma(0), sigma(1)],
-            bound: [bound(0), bound(1)],
+            sigma: of.map(|(sigma, _)| sigma),
+            bound: of.map(|(_, bound)| bound),
             ..self
         }
     }
@@ -51,12 +53,10 @@ impl Across {
     /// The same on stages that are known to stand square.
     #[must_use]
     pub fn on_square_stages(self) -> Self {
+        let of = [self.by_light(0), self.by_light(1)];
         Self {
-            sigma: [0, 1].map(|i| {
-                let (askew, _) = self.askew[i];
-                (self.sigma[i].powi(2) - askew * askew).max(0.0).sqrt()
-            }),
-            bound: [0, 1].map(|i| (self.bound[i] - self.askew[i].1).max(0.0)),
+            sigma: of.map(|(variance, _)| variance.sqrt()),
+            bound: of.map(|(_, bound)| bound),
             askew: [(0.0, 0.0); 2],
         }
     }

@@ -103,10 +103,7 @@ pub struct Shakings {
 impl Shakings {
     /// What was measured of a manipulator's tips.
     pub fn of(&self, side: Side) -> Option<Measured> {
-        let belief = match side {
-            Side::Left => &self.left,
-            Side::Right => &self.right,
-        };
+        let belief = [&self.left, &self.right][side.index()];
         belief.as_ref().map(|belief| Measured {
             deviation: belief.deviation,
             spread: belief.spread,
@@ -155,10 +152,7 @@ pub struct Spreads {
 impl Spreads {
     /// What was measured with a manipulator's micro.
     pub fn of(&self, side: Side) -> Option<Spread> {
-        let belief = match side {
-            Side::Left => &self.left,
-            Side::Right => &self.right,
-        };
+        let belief = [&self.left, &self.right][side.index()];
         belief.as_ref().map(|belief| Spread {
             length: [belief.x, belief.y],
             deviation: [belief.deviation_x, belief.deviation_y],
@@ -202,10 +196,7 @@ pub struct Spots {
 impl Spots {
     /// What was measured with a manipulator's micro.
     pub fn of(&self, side: Side) -> Option<SpotSize> {
-        let belief = match side {
-            Side::Left => &self.left,
-            Side::Right => &self.right,
-        };
+        let belief = [&self.left, &self.right][side.index()];
         belief.as_ref().map(|belief| SpotSize {
             radius: [belief.x, belief.y],
             deviation: [belief.deviation_x, belief.deviation_y],
@@ -249,10 +240,7 @@ pub struct Hystereses {
 impl Hystereses {
     /// The model of a manipulator's piezos, where one was identified and its weights were read.
     pub fn of(&self, side: Side) -> Option<&MicroModel> {
-        let belief = match side {
-            Side::Left => &self.left,
-            Side::Right => &self.right,
-        };
+        let belief = [&self.left, &self.right][side.index()];
         belief.as_ref()?.loaded.as_deref()
     }
 
@@ -272,10 +260,7 @@ impl Hystereses {
             origin: String::new(),
             loaded: Some(Box::new(model)),
         });
-        match side {
-            Side::Left => self.left = belief,
-            Side::Right => self.right = belief,
-        }
+        *[&mut self.left, &mut self.right][side.index()] = belief;
     }
 }
 
@@ -371,10 +356,7 @@ impl Windups {
 
     /// Of an axis, where it was identified on its own.
     pub fn own(&self, at: AxisName) -> Option<&WindupBelief> {
-        let side = match at.side {
-            Side::Left => &self.left,
-            Side::Right => &self.right,
-        };
+        let side = [&self.left, &self.right][at.side.index()];
         match at.axis {
             Axis::A => side.a.as_ref(),
             Axis::B => side.b.as_ref(),
@@ -532,10 +514,7 @@ pub struct Geometry {
 impl Geometry {
     /// The manipulator of a side.
     pub fn of(&self, side: Side) -> &PlacementBelief {
-        match side {
-            Side::Left => &self.left,
-            Side::Right => &self.right,
-        }
+        [&self.left, &self.right][side.index()]
     }
 }
 

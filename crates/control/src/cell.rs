@@ -10,6 +10,7 @@ use crate::reactor::{Gate, Go, LONGEST, Listener, Reactor, Watched, across, refu
 use crate::recipe::Recipe;
 use crate::shaking::Measured;
 use crate::station::{Level, Station, coarse, fine};
+use crate::still_there::attached;
 use crate::tip_estimator::{Seen, Tip, TipEstimator};
 use crate::tuning::TUNING;
 use pigtail_hal::bench::{Event, Frame, Knot, Law, Pose, Request};
@@ -19,14 +20,6 @@ use pigtail_model::frames::{Chip, Displacement, Macro, Placement, Point};
 use std::cell::{Cell, RefCell};
 use std::future::Future;
 use std::ops::Deref;
-
-/// For how many seconds to wait, `since` seconds after light was sampled that comes once a `period`, until a bond that begins sets
-/// a `cycle` after light is sampled again.
-fn until_seen(since: f64, bond: f64, period: f64, cycle: f64) -> f64 {
-    let late = cycle - since - bond;
-    // A half of a cycle more or less is no reason to wait for the next.
-    ((late + 0.5 * cycle).rem_euclid(period) - 0.5 * cycle).max(0.0)
-}
 
 /// What is known of a bench before anything is measured on it: its datasheet, and what its calibration believes.
 #[derive(Debug, Clone, PartialEq)]
@@ -151,6 +144,11 @@ impl<'b> AlignmentCell<'b> {
     /// The same, paused or step by step as a [`Gate`] decides.
     pub fn run_gated<T>(&self, line: impl Future<Output = T>, gate: &mut Gate) -> T {
         self.reactor.run_heard(line, self, gate)
+    }
+
+    /// By when the micro of an arm has come to rest where it was told to be, as believed, seconds.
+    pub fn settling(&self, side: Side) -> f64 {
+        self.caps().groups[fine(side).0].settling
     }
 
     /// The datasheet.
@@ -467,7 +465,7 @@ impl<'b> AlignmentCell<'b> {
         if !self.carries(side) {
             return Ok(());
         }
-        self.another_fiber(side, false);
+        self.gives_away(side);
         let arm = side.index();
         self.ask(Request::Unload { arm }, LONGEST).await
     }
@@ -479,37 +477,13 @@ impl<'b> AlignmentCell<'b> {
     ///
     /// A fault; [`Outcome::BenchFailed`].
     pub async fn attach(&self, side: Side, channel: Channel) -> Result<f64, Halt> {
+        self.gives_away(side);
+        attached(self, side.index(), channel.index()).await
+    }
+
+    /// The fiber of an arm is the arm's no more.
+    pub(crate) fn gives_away(&self, side: Side) {
         self.another_fiber(side, false);
-        // What gives way in a bond's last moments is still seen then; once it has set, the fiber's light tells of it no more.
-        let rate = self.caps().channels[channel.index()].rate;
-        self.wait(until_seen(
-            self.now() - self.looked(),
-            self.caps().bond,
-            rate.recip(),
-            self.caps().cycle,
-        ))
-        .await?;
-        let attach = Request::Attach { arm: side.index() };
-        let ticket = self.request(attach).map_err(|why| refused(&why))?;
-        let (mut least, end) = (f64::INFINITY, self.now() + LONGEST);
-        loop {
-            match self.next(end).await? {
-                Event::Done(done) if done == ticket => return Ok(least),
-                Event::Failed(failed, why) if failed == ticket => {
-                    return Err(Outcome::BenchFailed { why }.into());
-                }
-                Event::Light(light) => {
-                    self.note_reading(light.time);
-                    let volts = light.volts[channel.index()];
-                    least = if volts < least { volts } else { least };
-                }
-                Event::Time => {
-                    let why = format!("a bond has not set within {LONGEST} s");
-                    return Err(Outcome::BenchFailed { why }.into());
-                }
-                _ => {}
-            }
-        }
     }
 
     /// Mean and spread of a photodiode over `seconds`.
@@ -591,25 +565,4 @@ fn pose(at: Point<Macro>) -> Pose {
 
 fn point(pose: Pose) -> Point<Macro> {
     Point::new(pose.x(), pose.y(), pose.z())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::until_seen;
-
-    #[test]
-    fn a_bond_sets_a_cycle_after_light_is_sampled() {
-        let (period, cycle) = (2e-3, 0.4e-3);
-        for since in [0.0, 0.3e-3, 0.4e-3, 1.1e-3, 1.9e-3, 7.7e-3] {
-            for bond in [0.4e-3, 1e-3, 10e-3, 11.3e-3] {
-                let wait = until_seen(since, bond, period, cycle);
-                assert!((0.0..period).contains(&wait), "{since} {bond}: {wait}");
-                let sets = since + wait + bond - cycle;
-                let off = sets - period * (sets / period).round();
-                assert!(off.abs() <= 0.5 * cycle + 1e-12, "{since} {bond}: {off}");
-            }
-        }
-        // Light has just been sampled, and a bond takes five samples: a cycle later.
-        assert!((until_seen(0.0, 10e-3, period, cycle) - cycle).abs() < 1e-12);
-    }
 }

@@ -2,7 +2,7 @@
 //! (thesis 2.4.5, Figs. 2.21-2.23).
 
 use crate::outcome::{Halt, Lack, Outcome};
-use crate::station::Station;
+use crate::station::{Station, VoltageMachine};
 use crate::trajectory::Arc;
 use pigtail_hal::Side;
 use pigtail_model::frames::{Macro, Point};

@@ -168,14 +168,29 @@ fn samples(record: &WindupRecord) -> Vec<(f64, f64)> {
         .collect()
 }
 
-fn judge(data: &[(f64, f64)], offset: f64, mut model: impl FnMut(f64) -> f64) -> (f64, f64) {
+/// What a model leaves of samples from `skip` on, of which those before lead it to where they begin.
+fn judged<M>(
+    data: &[(f64, f64)],
+    skip: usize,
+    offset: f64,
+    model: M,
+    mut next: impl FnMut(f64) -> f64,
+) -> Fit<M> {
+    for (output, _) in &data[..skip] {
+        next(*output);
+    }
     let (mut squares, mut largest) = (0.0, 0.0_f64);
-    for (output, windup) in data {
-        let left = windup - offset - model(*output);
+    for (output, windup) in &data[skip..] {
+        let left = windup - offset - next(*output);
         squares += left * left;
         largest = largest.max(left.abs());
     }
-    ((squares / data.len() as f64).sqrt(), largest)
+    Fit {
+        model,
+        offset,
+        residual: (squares / (data.len() - skip) as f64).sqrt(),
+        largest,
+    }
 }
 
 /// Fits (2.20) to those samples of a record over which the transmission winds up fully either way,
@@ -207,20 +222,11 @@ pub fn fit_reversal(record: &WindupRecord, full: std::ops::Range<usize>) -> Fit<
     let ways = ((0.005 * range).ln(), range.ln());
     let way = least(ways, ACCURATE, |log| solve(log.exp()).2).exp();
     let (maximum, offset, _) = solve(way);
-    let model = Reversal { maximum, way };
     let mut state = pigtail_model::windup::ReversalState::default();
-    for (output, _) in &data[..skip] {
-        model.next(&mut state, *output);
-    }
-    let (residual, largest) = judge(&data[skip..], offset, |output| {
+    let model = Reversal { maximum, way };
+    judged(&data, skip, offset, model, |output| {
         model.next(&mut state, output)
-    });
-    Fit {
-        model,
-        offset,
-        residual,
-        largest,
-    }
+    })
 }
 
 /// Fits a [`Memory`] to a record from sample `skip` on: element ways on a grid whose longest is
@@ -236,18 +242,9 @@ pub fn fit_memory(record: &WindupRecord, skip: usize, first: &Fit<Reversal>) -> 
     let (model, shift, _) = Grid::new(&data, skip, first, longest).best();
     let offset = first.offset + shift;
     let mut state = MemoryState::default();
-    for (output, _) in &data[..skip] {
-        model.next(&mut state, *output);
-    }
-    let (residual, largest) = judge(&data[skip..], offset, |output| {
+    judged(&data, skip, offset, model, |output| {
         model.next(&mut state, output)
-    });
-    Fit {
-        model,
-        offset,
-        residual,
-        largest,
-    }
+    })
 }
 
 /// The answers of elements of given ways to a record.

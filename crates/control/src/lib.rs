@@ -72,6 +72,7 @@ pub mod impulse;
 pub mod job;
 pub mod kinematics;
 mod last_tries;
+mod last_turns;
 pub mod maximization;
 pub mod methods;
 pub mod nudge;

@@ -12,10 +12,9 @@ use crate::impulse::response::Response;
 use crate::job::{FiberReport, Job};
 use crate::outcome::{Halt, Lack, Outcome, SearchEvidence};
 use crate::procedure::{each_fiber, look, lost, no_light, outward};
-use crate::reactor::VoltageMachine;
 use crate::recipe::Recipe;
 use crate::search::Searcher;
-use crate::station::Station;
+use crate::station::{Station, VoltageMachine};
 use crate::tip_estimator::Tip;
 use crate::tuning::{Care, TUNING};
 use pigtail_hal::quantity::Volts;
@@ -132,9 +131,7 @@ async fn held_and_nudged(job: &mut Job<'_>, cell: &AlignmentCell<'_>) -> Result<
             .await?;
         let last = cell.level(job.channel, TUNING.nudge.last.seconds).await?;
         let after = last.mean - nudger.background;
-        if after < recipe.accept.growth * before {
-            return Err(Outcome::FalseLight { before, after }.into());
-        }
+        Outcome::of_growth(before, after, recipe.accept.growth * before)?;
         job.attach(cell, last, nudger.background, (None, None))
             .await
     })

@@ -275,6 +275,15 @@ fn for_askew(deviation: f64, askew: f64) -> String {
 }
 
 impl Outcome {
+    /// That light of so much `before` an approach is at least so much `after` it: what does not grow as it should does not come out of the guide.
+    /// All in volts above the background.
+    pub(crate) fn of_growth(before: f64, after: f64, least: f64) -> Result<(), Self> {
+        if after < least {
+            return Err(Self::FalseLight { before, after });
+        }
+        Ok(())
+    }
+
     /// Whether it is aligned and attached, by control's word.
     pub fn is_aligned(&self) -> bool {
         *self == Self::Aligned

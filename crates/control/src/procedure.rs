@@ -187,9 +187,7 @@ impl Job<'_> {
             if gap > doubtful && doubtful > recipe.approach.gap {
                 closer(doubtful).await?;
                 let after = cell.level(job.channel, 0.04).await?.mean - background;
-                if after < recipe.accept.growth.sqrt() * before {
-                    return Err(Outcome::FalseLight { before, after }.into());
-                }
+                Outcome::of_growth(before, after, recipe.accept.growth.sqrt() * before)?;
             }
             closer(recipe.approach.gap).await
         })
@@ -200,9 +198,7 @@ impl Job<'_> {
                 .await?;
             let last = cell.level(job.channel, 0.04).await?;
             let after = last.mean - background;
-            if after < recipe.accept.growth * before {
-                return Err(Outcome::FalseLight { before, after }.into());
-            }
+            Outcome::of_growth(before, after, recipe.accept.growth * before)?;
             let sigma = last.sigma.min(noise);
             there(job, Level { sigma, ..last }).await
         })
@@ -237,10 +233,8 @@ impl Job<'_> {
     pub(crate) async fn withdraw(&self, cell: &AlignmentCell<'_>, side: Side) -> Result<(), Halt> {
         let gap = outward(side) * self.recipe.coarse.clearance;
         let here = cell.wanted(side);
-        let [x, y, z] = match side {
-            Side::Left => self.recipe.ports.input,
-            Side::Right => self.recipe.ports.outputs[0],
-        };
+        let ports = &self.recipe.ports;
+        let [x, y, z] = [ports.input, ports.outputs[0]][side.index()];
         let clear = cell.frame(side).macro_from_chip(Point::new(x, y, z + gap));
         cell.line(side, Point::new(here.x, here.y, here.z.min(clear.z)), None)
             .await
@@ -472,10 +466,7 @@ pub(crate) async fn look(
 
 /// Direction along the chip's z in which a facet faces.
 pub(crate) fn outward(side: Side) -> f64 {
-    match side {
-        Side::Left => -1.0,
-        Side::Right => 1.0,
-    }
+    [-1.0, 1.0][side.index()]
 }
 
 /// No search has found light, whatever was searched.

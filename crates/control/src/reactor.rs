@@ -7,19 +7,12 @@
 //!
 //! Before an event is handed out, a [`Gate`] may hold it back: that is how a run is paused, or done step by step.
 
-use crate::compensation::online::Told;
-use crate::impulse::belief::ImpulseBelief;
-use crate::kinematics::Kinematics;
-use crate::outcome::{Halt, Outcome};
-use crate::station::Observer;
-use pigtail_hal::bench::{
-    Caps, Estimate, Event, Group, Law, Light, Limits, Pose, Refused, Request, Ticket,
-};
-use pigtail_hal::quantity::Volts;
-use pigtail_hal::spec::MICRO_AXES;
-use pigtail_hal::{AxisName, Bench, Fault, Pulse, Side};
-use pigtail_model::frames::{Displacement, Macro, Point};
-use pigtail_numerics::line::Line;
+mod asks;
+
+pub(crate) use self::asks::{LONGEST, across, refused};
+use crate::station::{Observer, VoltageMachine};
+use pigtail_hal::bench::{Caps, Estimate, Event, Group, Law, Pose, Refused, Request, Ticket};
+use pigtail_hal::{Bench, Fault};
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::future::{Future, poll_fn};
@@ -38,37 +31,6 @@ pub trait Watched: Bench {
     }
 }
 
-/// What only a machine that is driven by volts can do, beside what every bench can.
-pub trait VoltageMachine {
-    /// The displacement in y for one in x of a side's micro, as believed; `None` without a model.
-    fn micro_ratio(&self, side: Side) -> Option<f64>;
-    /// Believes from now on that the piezos of a side make so much displacement in y for one in x.
-    fn set_micro_ratio(&mut self, side: Side, ratio: f64);
-    /// Learns what was seen of the piezos of a side, and makes use of it within so many seconds where that is worth it. The tip does
-    /// not leave its place `at` by that (metres from its centre). Whether it does.
-    fn learn_micro(&mut self, side: Side, told: &Told, at: Displacement, within: f64) -> bool;
-    /// How many times as far as is believed each piezo of a side goes, where that was learned and is made use of.
-    fn learned_strokes(&self, side: Side) -> Option<[f64; MICRO_AXES]>;
-    /// Where the probes at the outputs see an endpoint; `None` on a rig without probes.
-    fn probed_endpoint(&self, side: Side) -> Option<Point<Macro>>;
-    /// The believed kinematics of a manipulator.
-    fn kinematics(&self, side: Side) -> &Kinematics;
-    /// What is believed of pulses on a five-bar; `None` where no one has measured it.
-    fn five_bar_pulses(&self) -> Option<ImpulseBelief>;
-    /// What the transmission of an axis holds back at this moment, by what is believed of it, radians of the output.
-    fn windup(&self, at: AxisName) -> f64;
-    /// Takes an axis from its servo and holds this voltage on its motor, until it is given back.
-    fn hold_voltage(&mut self, at: AxisName, volts: Volts);
-    /// Gives an axis back to its servo, to hold it where its encoder is.
-    fn close_loop(&mut self, at: AxisName);
-    /// Has the amplifier of an axis play a pulse from the start of the next cycle on.
-    ///
-    /// # Errors
-    ///
-    /// Why the amplifier cannot, by the datasheet; nothing is played then.
-    fn pulse(&mut self, at: AxisName, pulse: Pulse) -> Result<(), Outcome>;
-}
-
 /// What becomes of an event, as whoever watches a run decides.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Go {
@@ -81,9 +43,6 @@ pub enum Go {
 
 /// Decides upon each event whether control goes on. One that returns later, or upon a key, makes a twin go step by step.
 pub type Gate<'g> = dyn FnMut(&Event) -> Go + 'g;
-
-/// Longest that anything which is asked of a bench may take, seconds.
-pub(crate) const LONGEST: f64 = 120.0;
 
 /// What takes in every event before anybody hears it.
 pub(crate) trait Listener {
@@ -308,179 +267,10 @@ impl<'b> Reactor<'b> {
             }
         }
     }
-
-    /// Lets time pass, seconds.
-    ///
-    /// # Errors
-    ///
-    /// The bench's fault.
-    pub async fn wait(&self, seconds: f64) -> Result<(), Fault> {
-        let end = self.now() + seconds;
-        while self.next(end).await? != (Event::Time {}) {}
-        Ok(())
-    }
-
-    /// The next light of a meter, volts, and when it was measured; `None` for any other event, and at the time `by`.
-    ///
-    /// # Errors
-    ///
-    /// The bench's fault.
-    pub async fn sample(&self, meter: usize, by: f64) -> Result<Option<(f64, f64)>, Fault> {
-        let Event::Light(Light { time, volts }) = self.next(by).await? else {
-            return Ok(None);
-        };
-        let volts = volts.get(meter).copied().filter(|volts| !volts.is_nan());
-        Ok(volts.map(|volts| {
-            self.note_reading(time);
-            (time, volts)
-        }))
-    }
-
-    /// Has a group play a law; why the bench does not is how a fiber's alignment ends.
-    ///
-    /// # Errors
-    ///
-    /// [`Outcome::BenchFailed`].
-    pub fn send(&self, group: Group, law: Law) -> Result<Ticket, Outcome> {
-        self.play(group, law).map_err(|why| refused(&why))
-    }
-
-    /// Sends a group straight to a pose, no faster than `speed` m/s.
-    ///
-    /// # Errors
-    ///
-    /// As [`Self::send`].
-    pub fn send_to(&self, group: Group, to: Pose, speed: Option<f64>) -> Result<Ticket, Outcome> {
-        let limits = Limits { speed };
-        self.send(group, Law::Line { to, limits })
-    }
-
-    /// The same, and waits until it has come to rest.
-    ///
-    /// # Errors
-    ///
-    /// A fault; [`Outcome::BenchFailed`] where it may not go there, or does not arrive.
-    pub async fn line(&self, group: Group, to: Pose, speed: Option<f64>) -> Result<(), Halt> {
-        let ticket = self.send_to(group, to, speed)?;
-        self.done(vec![ticket], LONGEST).await
-    }
-
-    /// Where a group stands across, x and y, where that is known.
-    pub fn across(&self, group: Group) -> Option<Displacement> {
-        let here = self.pose(group, self.now())?;
-        Some(across(&here.pose))
-    }
-
-    /// Waits for the next light of a meter, volts.
-    ///
-    /// # Errors
-    ///
-    /// The bench's fault.
-    pub async fn next_light(&self, meter: usize) -> Result<f64, Fault> {
-        loop {
-            if let Some((_, volts)) = self.sample(meter, f64::INFINITY).await? {
-                return Ok(volts);
-            }
-        }
-    }
-
-    /// So many samples of a meter from now on: their times, seconds, and volts.
-    ///
-    /// # Errors
-    ///
-    /// The bench's fault; [`Outcome::BenchFailed`] where the meter is silent.
-    pub async fn samples(&self, meter: usize, samples: usize) -> Result<Vec<(f64, f64)>, Halt> {
-        let mut seen: Vec<(f64, f64)> = Vec::with_capacity(samples);
-        let rate = self.caps().channels[meter].rate;
-        let end = self.now() + LONGEST + 10.0 * samples as f64 / rate;
-        while seen.len() < samples {
-            match self.sample(meter, end).await? {
-                Some(seen_now) => seen.push(seen_now),
-                None if self.is_past(end) => {
-                    let why = "its meter is silent".to_owned();
-                    return Err(Outcome::BenchFailed { why }.into());
-                }
-                None => {}
-            }
-        }
-        Ok(seen)
-    }
-
-    /// Mean of so many samples of a meter (two or more), and their standard deviation about a straight line in time, volts.
-    ///
-    /// # Errors
-    ///
-    /// As [`Self::samples`].
-    pub async fn look(&self, meter: usize, samples: usize) -> Result<(f64, f64), Halt> {
-        let seen = self.samples(meter, samples).await?;
-        let n = seen.len() as f64;
-        let mean = seen.iter().map(|(_, volts)| volts).sum::<f64>() / n;
-        let line = Line::through(seen.iter().copied());
-        let squares: f64 = seen.iter().map(|(t, v)| line.left(*t, *v).powi(2)).sum();
-        let sigma = (squares / (n - 2.0).max(1.0)).sqrt();
-        Ok((mean, sigma))
-    }
-
-    /// Lets time pass until a group has been brought to the end of what it plays.
-    ///
-    /// # Errors
-    ///
-    /// The bench's fault.
-    pub async fn played(&self, group: Group) -> Result<(), Fault> {
-        while self.moving(group) {
-            self.next(f64::INFINITY).await?;
-        }
-        Ok(())
-    }
-
-    /// Lets time pass until all of some tickets are done.
-    ///
-    /// # Errors
-    ///
-    /// The bench's fault; [`Outcome::BenchFailed`] where one fails, or is not done within `longest` seconds.
-    pub async fn done(&self, mut tickets: Vec<Ticket>, longest: f64) -> Result<(), Halt> {
-        let end = self.now() + longest;
-        while !tickets.is_empty() {
-            match self.next(end).await? {
-                Event::Done(done) => tickets.retain(|ticket| *ticket != done),
-                Event::Failed(failed, why) if tickets.contains(&failed) => {
-                    return Err(Outcome::BenchFailed { why }.into());
-                }
-                Event::Time => {
-                    let why = format!("something was not done within {longest} s");
-                    return Err(Outcome::BenchFailed { why }.into());
-                }
-                _ => {}
-            }
-        }
-        Ok(())
-    }
-
-    /// Asks for something and waits until it is done.
-    ///
-    /// # Errors
-    ///
-    /// The bench's fault; [`Outcome::BenchFailed`].
-    pub async fn ask(&self, what: Request, longest: f64) -> Result<(), Halt> {
-        let ticket = self.request(what).map_err(|why| refused(&why))?;
-        self.done(vec![ticket], longest).await
-    }
 }
 
 impl Listener for () {
     fn hear(&self, _: &dyn Bench, _: &Event) {}
-}
-
-/// A pose's x and y.
-pub(crate) fn across(pose: &Pose) -> Displacement {
-    Displacement::new(pose.x(), pose.y())
-}
-
-/// What a bench refuses is how a fiber's alignment ends.
-pub(crate) fn refused(why: &Refused) -> Outcome {
-    Outcome::BenchFailed {
-        why: why.to_string(),
-    }
 }
 
 /// An event that a line waits for.
@@ -554,8 +344,9 @@ pub async fn both_well<A, B, E>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::outcome::{Halt, Outcome};
     use crate::station::Unobserved;
-    use pigtail_hal::bench::{ChannelCaps, GroupCaps, Limits, Stage};
+    use pigtail_hal::bench::{ChannelCaps, GroupCaps, Light, Limits, Stage};
 
     /// Two groups that take a second for a metre, and light every tenth of a second.
     struct Slow {

@@ -2,7 +2,7 @@
 //! tip. It looks down on the chip, so that it tells nothing of y but how much of x and z there is in it.
 
 use crate::outcome::{Halt, Outcome};
-use crate::station::Station;
+use crate::station::{Station, VoltageMachine};
 use nalgebra::{SMatrix, SVector};
 use pigtail_hal::spec::SIDES;
 use pigtail_hal::{FiberHandling, Side};

@@ -8,12 +8,14 @@ mod handling;
 mod motion;
 mod past;
 mod playing;
+mod volts;
 
 use self::arm::{Arm, Started};
 use self::bench::Follows;
 pub use self::bench::{coarse, fine};
 use self::past::Past;
 use self::playing::Playing;
+pub use self::volts::VoltageMachine;
 use crate::beam::{Askew, SpotSize};
 use crate::calibration::Calibration;
 use crate::cell::Layout;

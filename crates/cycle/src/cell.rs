@@ -4,8 +4,8 @@
 //! has reserved, and one tip at a time is at the needle.
 
 use pigtail_control::outcome::{Halt, Outcome};
-use pigtail_control::reactor::{VoltageMachine, Watched};
-use pigtail_control::station::{Observer, Station, coarse, fine};
+use pigtail_control::reactor::Watched;
+use pigtail_control::station::{Observer, Station, VoltageMachine, coarse, fine};
 use pigtail_hal::bench::{
     Caps, Estimate, Event, Group, Law, Limits, Pose, Refused, Request, Ticket,
 };

@@ -79,7 +79,7 @@ async fn climb(
         .centre(
             bench,
             gap,
-            TUNING.taught.near * beam.width(gap),
+            TUNING.circle.centred * beam.width(gap),
             "centre",
             1,
         )

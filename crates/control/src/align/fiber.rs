@@ -2,14 +2,15 @@
 
 use super::climb::{begin, circles, range};
 use super::{Dark, Taught};
-use crate::beam::Beam;
+use crate::beam::{Beam, Peak};
 use crate::belief::{Across, Place};
 use crate::conical_scan::{Closing, ConicalScan, Gap, Ready};
-use crate::last_tries::LastTries;
+use crate::job::Job;
+use crate::last_turns::{AtChip, Expected, Rest, last_turns};
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::{LONGEST, Reactor};
 use crate::recipe::Recipe;
-use crate::still_there::{Foreseen, LightCheck};
+use crate::still_there::LightCheck;
 use crate::tuning::TUNING;
 use pigtail_hal::bench::{
     AxisCaps, Degree, Dither, Glide, Group, Law, Meter, Pose, Request, Stage,
@@ -30,9 +31,9 @@ pub(super) struct Fiber<'d> {
     aside: Displacement,
     /// Gap that was asked for last, metres.
     gap: f64,
-    scan: Option<ConicalScan<'d>>,
-    /// Light at the peak at no gap when the approach began, volts.
-    before: f64,
+    scan: ConicalScan<'d>,
+    /// Light at the peak at no gap when the approach began, volts, and the gap at which it was seen, metres.
+    before: (f64, f64),
 }
 
 impl<'d> Fiber<'d> {
@@ -46,6 +47,8 @@ impl<'d> Fiber<'d> {
         let group = |stage| caps.group(taught.arm, stage).ok_or(Outcome::NotTaught);
         let (coarse, fine) = (group(Stage::Coarse)?, group(Stage::Fine)?);
         let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
+        let gap = TUNING.taught.clear;
+        let scan = begin(bench, (fine, meter), beam, recipe, &Dark::default(), gap);
         Ok(Self {
             recipe,
             taught,
@@ -55,9 +58,9 @@ impl<'d> Fiber<'d> {
             beam,
             back: taught.search_gap(recipe),
             aside: Displacement::ZERO,
-            gap: TUNING.taught.clear,
-            scan: None,
-            before: 0.0,
+            gap,
+            scan,
+            before: (0.0, 0.0),
         })
     }
 
@@ -85,13 +88,22 @@ impl<'d> Fiber<'d> {
 
     /// The gap by the coarse group's own measure, metres.
     pub(super) fn measured_gap(&self, bench: &Reactor<'_>) -> f64 {
-        let pose = bench.pose(self.coarse, bench.now());
-        pose.map_or(self.gap, |at| self.taught.pose.z() - at.pose.z())
+        measured_gap(bench, self.coarse, self.taught, self.gap)
     }
 
     /// How far off the gap may be: its bound, or three standard deviations of it, metres.
     pub(super) fn unsure_of_gap(&self) -> f64 {
         self.taught.bound_z.max(3.0 * self.taught.sigma_z)
+    }
+
+    /// How far below its place a fiber is before it comes there, so that whatever gives way does so in one direction, metres.
+    pub(super) fn run_up(&self, bench: &Reactor<'_>) -> f64 {
+        let axes = bench.caps().groups[self.coarse.0].axes;
+        let backlash = axes.iter().flatten().map(|axis| axis.backlash);
+        TUNING
+            .lines
+            .least_run
+            .max(TUNING.lines.run * backlash.fold(0.0, f64::max))
     }
 
     fn led(&self) -> Gap {
@@ -127,7 +139,7 @@ impl<'d> Fiber<'d> {
             let mut tickets = Vec::with_capacity(N);
             for fiber in &fibers {
                 let to = if behind {
-                    fiber.at_gap(2.0 * fiber.back) + Pose::at(0.0, -TUNING.taught.run_up, 0.0)
+                    fiber.at_gap(2.0 * fiber.back) + Pose::at(0.0, -fiber.run_up(bench), 0.0)
                 } else {
                     fiber.at_gap(fiber.back)
                 };
@@ -170,7 +182,7 @@ impl<'d> Fiber<'d> {
     /// The fine group goes somewhere and comes to rest.
     async fn fine_to(&self, bench: &Reactor<'_>, to: Displacement) -> Result<(), Halt> {
         let here = bench.across(self.fine).unwrap_or(Displacement::ZERO);
-        if (here - to).norm() < TUNING.taught.near * self.beam.width(0.0) {
+        if (here - to).norm() < TUNING.circle.centred * self.beam.width(0.0) {
             return Ok(());
         }
         let settling = bench.caps().groups[self.fine.0].settling;
@@ -191,37 +203,19 @@ impl<'d> Fiber<'d> {
     /// Circles begin where the fine group stands.
     pub(super) fn begin_scan(&mut self, bench: &Reactor<'_>, dark: &Dark) {
         let of = (self.fine, self.meter);
-        let scan = begin(bench, of, self.beam, self.recipe, dark, self.gap);
-        self.scan = Some(scan);
+        self.scan = begin(bench, of, self.beam, self.recipe, dark, self.gap);
     }
 
-    fn scan(&mut self) -> Result<&mut ConicalScan<'d>, Halt> {
-        self.scan
-            .as_mut()
-            .ok_or_else(|| Outcome::NotAttempted.into())
-    }
-
-    /// The same on circles that find the peak.
-    fn circling(&mut self, bench: &Reactor<'_>) -> Result<&mut ConicalScan<'d>, Halt> {
+    /// Radius of circles that find the peak, in its widths.
+    fn radius(&self, bench: &Reactor<'_>) -> f64 {
         let wanted = self.recipe.fast.conical_scan.radius;
-        let radius = circles(bench, self.fine, self.beam.width(self.gap), wanted);
-        let scan = self.scan()?;
-        scan.set_radius(radius);
-        Ok(scan)
+        circles(bench, self.fine, self.beam.width(self.gap), wanted)
     }
 
     /// How noisy the light is where the fiber stands still: a meter's noise grows with its light.
-    async fn learn_noise(
-        &mut self,
-        bench: &Reactor<'_>,
-        dark: &Dark,
-        samples: usize,
-    ) -> Result<(), Halt> {
-        let (_, sigma) = bench.look(self.meter.0, samples).await?;
-        let degrees = samples as f64 - 2.0;
-        let noise = sigma.max(dark.sigma);
-        self.scan()?.set_noise(noise, degrees);
-        Ok(())
+    async fn learn_noise(&mut self, bench: &Reactor<'_>, dark: &Dark) -> Result<(), Halt> {
+        let samples = TUNING.taught.look;
+        learn_noise(bench, &mut self.scan, dark, samples).await
     }
 
     /// To the peak at this gap, and to rest there.
@@ -231,18 +225,18 @@ impl<'d> Fiber<'d> {
         dark: &Dark,
         phase: &'static str,
     ) -> Result<(), Halt> {
-        self.learn_noise(bench, dark, TUNING.taught.look).await?;
+        self.learn_noise(bench, dark).await?;
         let gap = self.measured_gap(bench);
-        let coarse = TUNING.taught.near * self.beam.width(gap);
+        let coarse = TUNING.circle.centred * self.beam.width(gap);
         let mut why = None;
         for _ in 0..self.recipe.fast.retry.handed_over {
-            let scan = self.circling(bench)?;
-            let peak = scan.centre(bench, gap, coarse, phase, 1).await;
-            scan.rest(bench, gap).await?;
+            self.scan.set_radius(self.radius(bench));
+            let peak = self.scan.centre(bench, gap, coarse, phase, 1).await;
+            self.scan.rest(bench, gap).await?;
             match peak {
                 Ok(peak) => {
                     why = None;
-                    self.before = peak.full;
+                    self.before = (peak.full, gap);
                     if !self.make_room(bench, TUNING.taught.room).await? {
                         return Ok(());
                     }
@@ -252,7 +246,7 @@ impl<'d> Fiber<'d> {
                         return Err(beyond.into());
                     };
                     // The fine group does not get there: the coarse one does.
-                    self.scan()?.expect_at(Displacement::new(x, y), gap);
+                    self.scan.expect_at(Displacement::new(x, y), gap);
                     self.make_room(bench, 0.0).await?;
                     why = Some(beyond);
                 }
@@ -267,7 +261,7 @@ impl<'d> Fiber<'d> {
     /// was so.
     async fn make_room(&mut self, bench: &Reactor<'_>, share: f64) -> Result<bool, Halt> {
         let gap = self.measured_gap(bench);
-        let place = self.scan()?.place(gap);
+        let place = self.scan.place(gap);
         let room = |degree| share * range(bench, self.fine, degree);
         if place.x.abs() <= room(Degree::X) && place.y.abs() <= room(Degree::Y) {
             return Ok(false);
@@ -280,7 +274,7 @@ impl<'d> Fiber<'d> {
         let by = before
             .zip(after)
             .map_or(place, |(before, after)| after - before);
-        self.scan()?.hand_over(by);
+        self.scan.hand_over(by);
         Ok(true)
     }
 
@@ -291,7 +285,7 @@ impl<'d> Fiber<'d> {
         dark: &Dark,
         wanted: f64,
     ) -> Result<(), Halt> {
-        let before = self.before;
+        let (before, _) = self.before;
         let least = self.recipe.fast.accept * before;
         while self.gap > wanted {
             let here = self.gap;
@@ -302,9 +296,9 @@ impl<'d> Fiber<'d> {
                 TUNING.taught.nearer * here
             };
             let (to, led) = (self.at_gap(self.gap), self.led());
-            let speed = TUNING.taught.closing * self.gap / self.scan()?.period();
+            let speed = TUNING.taught.closing * self.gap / self.scan.period();
             let ticket = bench.send_to(self.coarse, to, Some(speed))?;
-            self.circling(bench)?;
+            self.scan.set_radius(self.radius(bench));
             let way = Closing {
                 group: self.coarse,
                 rests: Some(ticket),
@@ -313,90 +307,51 @@ impl<'d> Fiber<'d> {
                 least,
                 stray: self.recipe.fast.stray,
             };
-            let (coarse, contact, asked) = (self.coarse, self.taught.pose.z(), self.gap);
-            let measured = || {
-                let pose = bench.pose(coarse, bench.now());
-                pose.map_or(asked, |at| contact - at.pose.z())
-            };
-            let scan = self.scan()?;
+            let (coarse, taught, asked) = (self.coarse, self.taught, self.gap);
+            let measured = || measured_gap(bench, coarse, taught, asked);
+            let scan = &mut self.scan;
             scan.close(bench, &way, || led, measured).await?;
             let gap = measured();
-            let near = TUNING.taught.near * scan.beam_width(gap);
+            let near = TUNING.circle.centred * scan.beam_width(gap);
             let peak = scan.centre(bench, gap, near, "approach", 1).await?;
             scan.rest(bench, gap).await?;
-            if peak.full < least {
-                return Err(Outcome::FalseLight {
-                    before,
-                    after: peak.full,
-                }
-                .into());
-            }
-            self.learn_noise(bench, dark, TUNING.taught.look).await?;
+            Outcome::of_growth(before, peak.full, least)?;
+            self.learn_noise(bench, dark).await?;
         }
         Ok(())
     }
 
-    /// The last turns at the chip, and the bond. Returns where the fiber is believed to be.
-    pub(super) async fn finish(&mut self, bench: &Reactor<'_>, dark: &Dark) -> Result<Place, Halt> {
+    /// The last turns at the chip, and the bond.
+    pub(super) async fn finish(
+        &mut self,
+        job: &mut Job<'_>,
+        bench: &Reactor<'_>,
+        dark: &Dark,
+    ) -> Result<(), Halt> {
         let gap = self.measured_gap(bench);
         let place = self.place(bench, Across::default());
         place.sure_along(self.recipe.accept.gap)?;
-        let aside = self.recipe.accept.aside;
-        let mut tries = LastTries::new(&self.recipe.fast);
-        loop {
-            tries.begin();
-            // At its peak light does not tell how a tip shakes: what is seen there is noise.
-            let scan = self.scan()?;
-            scan.rest(bench, gap).await?;
-            self.learn_noise(bench, dark, TUNING.taught.steady).await?;
-            let scan = self.circling(bench)?;
-            let accuracy = tries.accuracy();
-            let last = scan.last_turns(bench, gap, accuracy, "final", &|| Ready::Yes);
-            let why = match last.await {
-                Err(Halt::Outcome(doubt)) => doubt,
-                Err(fault) => return Err(fault),
-                Ok((_, known)) if scan.misjudges_width() => {
-                    scan.believe_width();
-                    Outcome::Unsure {
-                        deviation: known.worse(),
-                        accuracy: accuracy.0,
-                    }
-                }
-                Ok((foreseen, known)) => {
-                    let Err(unsure) = scan.shaking().is_sure(aside, known) else {
-                        let across = scan.shaking().bonded(known);
-                        let noise = scan.noise();
-                        self.bond(bench, dark, foreseen, noise).await?;
-                        return Ok(Place { across, ..place });
-                    };
-                    tries.learn(bench, scan, gap, (aside, known)).await?;
-                    unsure
-                }
-            };
-            if tries.is_last() {
-                return Err(why.into());
-            }
-        }
-    }
-
-    /// Attaches the fiber and looks whether its light stays as foreseen.
-    async fn bond(
-        &self,
-        bench: &Reactor<'_>,
-        dark: &Dark,
-        foreseen: Foreseen,
-        noise: f64,
-    ) -> Result<(), Halt> {
-        let arm = self.taught.arm;
-        bench.ask(Request::Attach { arm }, LONGEST).await?;
-        let check = LightCheck {
-            meter: self.meter.0,
-            background: dark.mean,
-            noise,
-            samples: TUNING.taught.look,
-            less: TUNING.bond.taught_less,
+        let (before, far) = self.before;
+        let least = self.recipe.fast.accept * before;
+        let expected = Expected { before, far, least };
+        let chip = Unseen {
+            bench,
+            dark,
+            beam: self.beam,
+            gap,
+            radius: self.radius(bench),
         };
-        check.stays(bench, &[foreseen]).await
+        let scan = &mut self.scan;
+        let last = last_turns(job, bench, &chip, scan, &expected).await;
+        let Rest {
+            look,
+            foreseen,
+            across,
+        } = last?;
+        let check = chip.check(scan);
+        job.bond(bench, check, look, Some(foreseen)).await?;
+        job.place = Some(Place { across, ..place });
+        Ok(())
     }
 
     /// Where the fiber is believed to be, with its place across known so well.
@@ -414,4 +369,65 @@ impl<'d> Fiber<'d> {
 
 fn axis(bench: &Reactor<'_>, group: Group, degree: Degree) -> Option<AxisCaps> {
     bench.caps().groups[group.0].axes[degree.index()]
+}
+
+/// The gap by the measure of a coarse group, or the one that was asked for where it has none, metres.
+fn measured_gap(bench: &Reactor<'_>, coarse: Group, taught: &Taught, asked: f64) -> f64 {
+    let pose = bench.pose(coarse, bench.now());
+    pose.map_or(asked, |at| taught.pose.z() - at.pose.z())
+}
+
+/// How noisy the light of circles at rest is, by so many samples.
+async fn learn_noise(
+    bench: &Reactor<'_>,
+    scan: &mut ConicalScan<'_>,
+    dark: &Dark,
+    samples: usize,
+) -> Result<(), Halt> {
+    let (_, sigma) = bench.look(scan.meter().0, samples).await?;
+    scan.set_noise(sigma.max(dark.sigma), samples as f64 - 2.0);
+    Ok(())
+}
+
+/// A fiber at the chip that nobody sees: its gap is as it was taught.
+struct Unseen<'f, 'b> {
+    bench: &'f Reactor<'b>,
+    dark: &'f Dark,
+    beam: Beam,
+    gap: f64,
+    /// Of circles, in widths.
+    radius: f64,
+}
+
+impl AtChip for Unseen<'_, '_> {
+    fn beam(&self) -> Beam {
+        self.beam
+    }
+
+    fn check(&self, scan: &ConicalScan<'_>) -> LightCheck {
+        LightCheck {
+            meter: scan.meter().0,
+            background: self.dark.mean,
+            noise: scan.noise(),
+            samples: TUNING.taught.look,
+            less: TUNING.bond.taught_less,
+        }
+    }
+
+    async fn begin(&self, scan: &mut ConicalScan<'_>) -> Result<(), Halt> {
+        // At its peak light does not tell how a tip shakes: what is seen there is noise.
+        scan.rest(self.bench, self.gap).await?;
+        learn_noise(self.bench, scan, self.dark, TUNING.taught.steady).await?;
+        scan.set_radius(self.radius);
+        Ok(())
+    }
+
+    async fn settle(
+        &self,
+        scan: &mut ConicalScan<'_>,
+        accuracy: (f64, f64),
+    ) -> Result<(Peak, f64), Halt> {
+        let peak = scan.settle(self.bench, self.gap, accuracy, "final", &|| Ready::Yes);
+        Ok((peak.await?, self.gap))
+    }
 }

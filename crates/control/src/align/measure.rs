@@ -281,10 +281,7 @@ async fn measure_arm(
     let lag = |passed: &Passed| over(passed.apart, 2.0 * speed);
     let fine_lag = together(lag(&x), lag(&y));
     let here = pose(bench, coarse)?;
-    let stated = bench.caps().groups[coarse.0].axes[0].map_or(0.0, |axis| axis.backlash);
-    let run = (TUNING.lines.run * stated)
-        .max(TUNING.lines.least_run)
-        .min(0.25 * gap);
+    let run = fiber.run_up(bench).min(0.25 * gap);
     let steps = Steps {
         arm: &arm,
         run,

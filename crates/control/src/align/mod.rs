@@ -119,11 +119,10 @@ impl Dark {
     /// The light without the laser, which is on afterwards.
     async fn measure(bench: &Reactor<'_>, meter: Meter) -> Result<Self, Halt> {
         bench.ask(Request::Laser(false), LONGEST).await?;
-        // A meter forgets the laser in some samples.
-        bench.look(meter.0, 5).await?;
+        bench.wait(bench.forgets_laser(meter.0)).await?;
         let (mean, sigma) = bench.look(meter.0, TUNING.taught.dark).await?;
         bench.ask(Request::Laser(true), LONGEST).await?;
-        bench.look(meter.0, 5).await?;
+        bench.wait(bench.forgets_laser(meter.0)).await?;
         let step = bench.caps().channels[meter.0].resolution;
         Ok(Self {
             mean,
@@ -202,8 +201,7 @@ impl<'d> Device<'d, '_> {
         .await?;
         job.phase(bench, "final", async |job| {
             right.centre(bench, dark, "final").await?;
-            job.place = Some(left.finish(bench, dark).await?);
-            Ok(())
+            left.finish(job, bench, dark).await
         })
         .await?;
         shared.output = Some(right);
@@ -243,8 +241,7 @@ impl<'d> Device<'d, '_> {
             fiber
         };
         job.phase(bench, "final", async |job| {
-            job.place = Some(fiber.finish(bench, dark).await?);
-            Ok(())
+            fiber.finish(job, bench, dark).await
         })
         .await
     }

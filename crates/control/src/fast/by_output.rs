@@ -201,7 +201,7 @@ impl<'r> Shared<'r> {
     ) -> Result<f64, Halt> {
         job.phase(cell, "centre", async |_| {
             let gap = aim.gap(cell);
-            let near = TUNING.pair.near * scan.beam_width(gap);
+            let near = TUNING.circle.centred * scan.beam_width(gap);
             let peak = scan.centre(cell, gap, near, "centre", 2).await?;
             Ok(peak.full)
         })

@@ -150,7 +150,7 @@ impl<'r> Shared<'r> {
         gap: f64,
         farther: &[f64],
     ) -> Result<Centred, Halt> {
-        let coarse = TUNING.reach.found_near * scan.beam_width(gap);
+        let coarse = TUNING.circle.near * scan.beam_width(gap);
         let expected = scan.place(gap);
         let mut lost = match self.circle_to(cell, scan, gap, coarse).await {
             Err(halt @ Halt::Outcome(Outcome::LightLost { .. })) => halt,

@@ -55,6 +55,6 @@ impl Shared<'_> {
 
     /// Whether what photodiodes read may still be of the power before the laser was lowered.
     pub(super) fn remembers(&self, cell: &AlignmentCell<'_>) -> bool {
-        cell.now() < self.dimmed_at + TUNING.dark.forgotten
+        cell.now() < self.dimmed_at + cell.forgets_laser(Channel::Sensing.index())
     }
 }

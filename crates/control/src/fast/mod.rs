@@ -25,6 +25,7 @@ mod single;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::{Closing, ConicalScan, Watch};
 use crate::job::{FiberReport, Job};
+use crate::last_turns::Rest;
 use crate::outcome::{Halt, Outcome, SearchEvidence, is_for_askew};
 use crate::procedure::{Found, each_fiber};
 use crate::recipe::{Fast, Pass, Recipe, Sweep};
@@ -36,7 +37,6 @@ use approach_moves::{Aim, cock};
 use by_output::Waiting;
 use gap::unhurried;
 pub use gap::vision_knows;
-use last::Rest;
 pub use pair::{swing_tips, watch_tips};
 use pigtail_hal::Side;
 use pigtail_hal::bench::Meter;
@@ -327,7 +327,7 @@ impl<'r> Shared<'r> {
                             cock(cell, aim.side, look.width)?;
                             let here = Point::new(start.x, cell.wanted(aim.side).y, start.z);
                             cell.go(aim.side, here).await?;
-                            cell.wait(TUNING.search.cocked).await?;
+                            cell.wait(cell.settling(aim.side)).await?;
                             (watch, start)
                         }
                     };

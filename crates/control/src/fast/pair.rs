@@ -169,7 +169,7 @@ impl<'j, 'r, 's> HeldTip<'j, 'r, 's> {
     /// To where its peak is by now, and to rest: held tips creep away from it, and the light of both goes with them.
     async fn come_back(&mut self, cell: &AlignmentCell<'_>, radius: f64) -> Result<(), Halt> {
         self.scan.set_radius(radius);
-        let near = TUNING.pair.near * self.scan.beam_width(self.gap);
+        let near = TUNING.circle.centred * self.scan.beam_width(self.gap);
         self.scan.centre(cell, self.gap, near, "pair", 2).await?;
         self.scan.rest(cell, self.gap).await
     }

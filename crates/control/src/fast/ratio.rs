@@ -77,14 +77,8 @@ impl Ratios {
         let by = at.y * (1.0 - found.ratio / believed);
         cell.voltage(|machine| machine.set_micro_ratio(side, found.ratio));
         scan.hand_over(Displacement::new(0.0, by));
-        scan.centre(
-            cell,
-            gap,
-            TUNING.reach.near * scan.beam_width(gap),
-            "ratio",
-            1,
-        )
-        .await?;
+        let near = TUNING.circle.centred * scan.beam_width(gap);
+        scan.centre(cell, gap, near, "ratio", 1).await?;
         Ok(())
     }
 }
@@ -114,6 +108,7 @@ async fn follow(
     let mut normal: [Normal<4>; 2] = Default::default();
     let mut seen: Vec<(SVector<f64, 4>, Displacement)> =
         Vec::with_capacity(4 * TUNING.reach.rounds * TUNING.reach.turns);
+    let near = TUNING.circle.centred * scan.beam_width(gap);
     let (begin, start) = (cell.now(), stands(cell, side));
     for _ in 0..TUNING.reach.rounds {
         for (x, y) in around {
@@ -124,14 +119,7 @@ async fn follow(
                     scan.go_to(cell, &peak, gap)?;
                 }
             }
-            scan.centre(
-                cell,
-                gap,
-                TUNING.reach.near * scan.beam_width(gap),
-                "ratio",
-                2,
-            )
-            .await?;
+            scan.centre(cell, gap, near, "ratio", 2).await?;
             for _ in 0..TUNING.reach.turns {
                 scan.turn(cell, gap).await?;
                 let Some(peak) = scan.peak() else {
@@ -148,7 +136,7 @@ async fn follow(
     }
     let unsure = |deviation| Outcome::Unsure {
         deviation,
-        accuracy: TUNING.reach.near * scan.beam_width(gap),
+        accuracy: near,
     };
     let (Some(in_x), Some(in_y)) = (normal[0].solve(), normal[1].solve()) else {
         return Err(unsure(f64::INFINITY).into());

@@ -5,7 +5,7 @@ use crate::outcome::Halt;
 use crate::station::Level;
 use crate::tuning::TUNING;
 use pigtail_hal::bench::Event;
-use pigtail_hal::spec::CHANNELS;
+use pigtail_hal::spec::{CHANNELS, Channel};
 use pigtail_numerics::line::Line;
 
 /// The photodiodes in the dark.
@@ -32,7 +32,8 @@ pub(super) async fn dark(cell: &AlignmentCell<'_>, seconds: f64) -> Result<Dark,
         // It may be lower since the device before.
         cell.laser_power(100)?;
     }
-    cell.wait(TUNING.dark.forgotten).await?;
+    cell.wait(cell.forgets_laser(Channel::Sensing.index()))
+        .await?;
     let mut dark = Dark::default();
     let end = cell.now() + seconds;
     while !cell.is_past(end) || !dark.is_enough() {

@@ -17,7 +17,7 @@ pub mod law;
 pub mod response;
 
 use crate::outcome::{Halt, Lack, Outcome};
-use crate::station::Station;
+use crate::station::{Station, VoltageMachine};
 use pigtail_hal::pulse::HARMONICS;
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::{Axis, AxisName, Pulse};

@@ -4,7 +4,7 @@ use super::outward;
 use crate::belief::{Across, Place};
 use crate::cell::AlignmentCell;
 use crate::job::{AtPeak, Job};
-use crate::outcome::{Halt, Outcome};
+use crate::outcome::Halt;
 use crate::station::Level;
 use crate::still_there::{Foreseen, LightCheck};
 use crate::tip_estimator::Tip;
@@ -50,10 +50,8 @@ pub(crate) fn light_check(
 }
 
 impl Job<'_> {
-    /// Attaches the fiber where it stands, and looks whether its light is still what it was in the
-    /// `last` look above the `background` (volts), and what it was `foreseen` to be before that: what has moved since then
-    /// would be believed to be good. The spread of that look is that of light which stays; a look in which something
-    /// falls has a greater one.
+    /// Attaches the fiber where it stands, if its gap is sure, and looks whether its light stays what it was in the `last` look above the
+    /// `background` (volts), and what it was `foreseen` to be ([`Job::bond`]).
     ///
     /// Where its place `across` is known, that is noted with the gap.
     pub(crate) async fn attach(
@@ -88,26 +86,8 @@ impl Job<'_> {
             });
             return Ok(());
         }
-        let check = LightCheck {
-            less: TUNING.bond.less.hypot(TUNING.bond.flicker * self.flicker),
-            ..light_check(cell, self.channel, background, last.sigma)
-        };
-        let least = cell.attach(self.side, self.channel).await? - background;
-        let before = last.mean - background;
-        let looked = Foreseen {
-            level: before,
-            deviation: last.sigma / (check.samples as f64).sqrt(),
-        };
-        // What moves while the bond sets is fixed somewhere on its way: its light at the end may be what it should be, all but.
-        if least < (1.0 - check.less) * before - TUNING.bond.bonded_noise * last.sigma {
-            return Err(Outcome::Slipped {
-                before,
-                after: least,
-            }
-            .into());
-        }
-        check
-            .stays(cell, &[looked, foreseen.unwrap_or(looked)])
-            .await
+        cell.gives_away(self.side);
+        let check = light_check(cell, self.channel, background, last.sigma);
+        self.bond(cell, check, last, foreseen).await
     }
 }

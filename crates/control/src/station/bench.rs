@@ -1,18 +1,15 @@
 //! A station as a bench: it plays laws where its loops are closed, in every cycle.
 
-use super::{Observer, Station};
-use crate::compensation::online::Told;
-use crate::impulse::belief::ImpulseBelief;
+use super::{Observer, Station, VoltageMachine};
 use crate::kinematics::Kinematics;
 use crate::outcome::Outcome;
-use crate::reactor::{VoltageMachine, Watched};
+use crate::reactor::Watched;
 use pigtail_hal::bench::{
     AxisCaps, Caps, ChannelCaps, Estimate, Event, Group, GroupCaps, Law, Pose, Refused, Request,
     Stage, Ticket,
 };
-use pigtail_hal::quantity::Volts;
-use pigtail_hal::spec::{MICRO_AXES, SIDES};
-use pigtail_hal::{AxisName, Bench, Channel, Fault, FiberHandling, Pulse, Side, Spec};
+use pigtail_hal::spec::SIDES;
+use pigtail_hal::{Bench, Channel, Fault, FiberHandling, Side, Spec};
 use pigtail_model::frames::{Displacement, Macro, Point};
 
 /// A micro follows circles up to half of its lowest resonance, of which it takes two and a half periods to settle.
@@ -211,52 +208,6 @@ impl Watched for Station<'_> {
 
     fn voltage(&mut self) -> Option<&mut dyn VoltageMachine> {
         Some(self)
-    }
-}
-
-impl VoltageMachine for Station<'_> {
-    fn micro_ratio(&self, side: Side) -> Option<f64> {
-        Station::micro_ratio(self, side)
-    }
-
-    fn set_micro_ratio(&mut self, side: Side, ratio: f64) {
-        Station::set_micro_ratio(self, side, ratio);
-    }
-
-    fn learn_micro(&mut self, side: Side, told: &Told, at: Displacement, within: f64) -> bool {
-        Station::learn_micro(self, side, told, at, within)
-    }
-
-    fn learned_strokes(&self, side: Side) -> Option<[f64; MICRO_AXES]> {
-        Station::learned_strokes(self, side)
-    }
-
-    fn probed_endpoint(&self, side: Side) -> Option<Point<Macro>> {
-        Station::probed_endpoint(self, side)
-    }
-
-    fn kinematics(&self, side: Side) -> &Kinematics {
-        Station::kinematics(self, side)
-    }
-
-    fn five_bar_pulses(&self) -> Option<ImpulseBelief> {
-        Station::five_bar_pulses(self)
-    }
-
-    fn windup(&self, at: AxisName) -> f64 {
-        Station::windup(self, at)
-    }
-
-    fn hold_voltage(&mut self, at: AxisName, volts: Volts) {
-        Station::hold_voltage(self, at, volts);
-    }
-
-    fn close_loop(&mut self, at: AxisName) {
-        Station::close_loop(self, at);
-    }
-
-    fn pulse(&mut self, at: AxisName, pulse: Pulse) -> Result<(), Outcome> {
-        Station::pulse(self, at, pulse)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Motions of the macros: along paths that break no limit, until the axes have arrived; and back after a fault.
 
-use super::{Started, Station};
+use super::{Started, Station, VoltageMachine};
 use crate::outcome::{Halt, Outcome};
 use crate::trajectory::{Arc, Line, Motion, Path, Refused, Shape};
 use pigtail_hal::quantity::Counts;

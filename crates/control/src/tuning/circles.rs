@@ -13,8 +13,10 @@ topic! {
         far: f64 = 4.0, "widths", Choice;
         /// The same at the chip, which a fiber that strays would touch.
         nearby: f64 = 1.2, "widths", Choice;
-        /// How near the peak the turns that count must be.
+        /// How near the peak the turns that count must be, and the middle of the circles that have found one.
         near: f64 = 0.15, "widths", Choice;
+        /// How near to it whoever looks from there for something else, or goes on from there to another gap.
+        centred: f64 = 0.1, "widths", Choice;
         /// In what part of a turn a circle becomes smaller.
         shrink: f64 = 0.3, "turns", Choice;
         /// In what part of a turn its middle goes over to a new place.

@@ -43,8 +43,6 @@ topic! {
         followed: f64 = 50.0, "samples", Choice;
         /// Share of what a micro gets to that a line uses.
         sure: f64 = 0.99, "1", Choice;
-        /// For the micro to come to rest where its lines begin.
-        cocked: f64 = 0.008, "s", Choice;
         /// How far beyond the end of a line a peak is expected whose light was brightest there.
         beyond: f64 = 0.5, "widths", Choice;
         /// Light of less than so many times what counts as light is looked at once more on the approach.
@@ -77,13 +75,13 @@ topic! {
 
 topic! {
     /// What photodiodes say in the dark, and at the chip's top.
-    pub struct DarkLook in "dark", shown [Fast] {
+    pub struct DarkLook in "dark", shown [Fast, Bench] {
         /// About which what wanders slowly is as good as a straight line.
         straight: usize = 50, "samples", Choice;
         /// A mean and a spread are taken from so many, at least.
         least: usize = 4, "samples", Equation;
-        /// How long the photodiodes remember the laser.
-        forgotten: f64 = 0.02, "s", Choice;
+        /// For how long what measures light remembers the laser.
+        forgotten: u32 = 10, "samples", Choice;
         /// What is looked at together on the way over the top.
         together: usize = 3, "samples", Choice;
         /// Share of the light that is as good as none: of a core's disc that is all but above the edge.
@@ -124,10 +122,6 @@ topic! {
         rounds: usize = 4, "1", Choice;
         /// At each place that count.
         turns: usize = 4, "turns", Choice;
-        /// How well they find the peak first.
-        near: f64 = 0.1, "widths", Choice;
-        /// How near to the middle of the circles a peak is to be at the gap of a search.
-        found_near: f64 = 0.15, "widths", Choice;
         /// Share of the light that was seen in passing which a peak has at least: a fluctuation is gone by then.
         seen: f64 = 0.6, "1", Choice;
     }
@@ -145,8 +139,6 @@ topic! {
         roughly: f64 = 5.0, "1", Choice;
         /// Tips are watched for so many times as long as wanted, at most, and gaps looked at so often, while what they are to tell is not known.
         times: usize = 6, "1", Choice;
-        /// How well the peak is found from which a tip is watched.
-        near: f64 = 0.1, "widths", Choice;
     }
 }
 

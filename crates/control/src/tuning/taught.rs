@@ -11,8 +11,6 @@ topic! {
         look: usize = 12, "samples", Choice;
         /// A look at how steady the light at its peak is.
         steady: usize = 40, "samples", Choice;
-        /// How well circles centre at a gap.
-        near: f64 = 0.1, "widths", Choice;
         /// A look at the dark.
         dark: usize = 50, "samples", Choice;
         /// Standard deviations of a mean above the dark that are light: by chance once in ten million looks.
@@ -29,8 +27,6 @@ topic! {
         nearer: f64 = 0.6, "1", Choice;
         /// Share of a gap that is closed in one turn at most: the peak is found anew meanwhile.
         closing: f64 = 0.15, "1", Choice;
-        /// How far below its place a fiber is before it comes there, so that whatever gives way does so in one direction.
-        run_up: f64 = 40e-6, "m", Choice;
         /// Gap at which fibers are loaded.
         clear: f64 = 0.5e-3, "m", Choice;
         /// How well a peak is to be known, where the recipe's accuracy is finer.
