@@ -38,6 +38,7 @@ fn report(port: &'static str, outcome: Outcome) -> FiberReport {
         side: Side::Left,
         outcome,
         shaking: None,
+        dynamics: None,
         spread: None,
         spot: None,
         strokes: None,
