@@ -45,7 +45,7 @@ fn the_first_steps_of_commissioning_are_told() {
     assert_eq!(code, Some(2));
     assert!(
         error.contains(
-            "axes, dark, gains, windup, geometry, piezos, shaking, spread, spot, groups, acceptance"
+            "axes, dark, gains, windup, geometry, piezos, dynamics, shaking, spread, spot, groups, acceptance"
         ),
         "{error}"
     );

@@ -94,13 +94,12 @@ pub fn uncertainty(
     regression::least_squares_of_time(&jacobian(&residuals, at), &residuals(at), coherent)
 }
 
-/// The same of points that are measured one by one, each row with its own deviation, and of what was fitted to them beside ([`regression::least_squares_of_points`]).
+/// The same of points that are measured one by one ([`regression::least_squares_of_points`]).
 pub fn uncertainty_of_points(
     residuals: impl Fn(&[f64]) -> Vec<f64>,
     at: &[f64],
-    of_rows: (&[f64], &DMatrix<f64>),
 ) -> Option<Solution> {
-    regression::least_squares_of_points(&jacobian(&residuals, at), &residuals(at), of_rows)
+    regression::least_squares_of_points(&jacobian(&residuals, at), &residuals(at))
 }
 
 #[cfg(test)]

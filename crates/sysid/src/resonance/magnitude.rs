@@ -12,7 +12,7 @@
 
 use super::{Identified, Record, modes_of, peaks, pruned, search, stated_modes};
 use crate::{Parameter, Unknown};
-use nalgebra::{Complex, DMatrix, DVector};
+use nalgebra::{Complex, DVector};
 use pigtail_numerics::line::Line;
 use pigtail_numerics::nonlinear::{minimise, uncertainty_of_points};
 use pigtail_numerics::regression::least_squares;
@@ -198,10 +198,7 @@ pub(super) fn identify(record: &Record) -> Result<Identified, Unknown> {
     let modes = (coded.len() - 1) / 2;
     let (own, all) = fit(&phased, &coded).ok_or_else(failed)?;
     let depend = || Unknown::all("its modes depend on each other");
-    let spread = super::sure::spread(&own.residuals(&all), &[1.0], all.len());
-    let none = DMatrix::zeros(spread.len(), 0);
-    let solution =
-        uncertainty_of_points(|c| own.residuals(c), &all, (&spread, &none)).ok_or_else(depend)?;
+    let solution = uncertainty_of_points(|c| own.residuals(c), &all).ok_or_else(depend)?;
     let (parameters, mut unknown) = stated_modes(&phased, &all, modes, &solution);
     unknown.push(Unknown {
         parameters: vec!["delay"],

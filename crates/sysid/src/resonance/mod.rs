@@ -18,13 +18,13 @@ mod magnitude;
 mod record;
 mod rows;
 mod search;
-mod sure;
 
 pub use record::Record;
 
 use self::record::ASIDE;
-use self::search::{Found, pruned, search, wanted, without_idle_modes, without_idle_poles};
-use self::sure::{delay_spread, spread};
+use self::search::{
+    Found, extend_pole, pruned, search, squares, without_idle_modes, without_idle_poles,
+};
 use super::{Known, Parameter, Unknown};
 use nalgebra::Complex;
 use pigtail_numerics::nonlinear::{minimise, uncertainty_of_points};
@@ -96,7 +96,9 @@ fn stated_modes(
         let scaled = |j: usize, size: f64| Known {
             value: coded[j].exp() * size,
             std: coded[j].exp() * size * solution.std[j],
-            std_correlated: coded[j].exp() * size * solution.std_correlated[j],
+            // Neighbours that go together make nothing surer: where a narrow peak rests on few batches, their scatter
+            // may be small by chance.
+            std_correlated: coded[j].exp() * size * solution.std_correlated[j].max(solution.std[j]),
         };
         let (frequency, damping) = (scaled(2 * k, 1.0 / TAU), scaled(2 * k + 1, 1.0));
         doubt(record, names, &frequency, &damping, &mut unknown);
@@ -248,24 +250,6 @@ fn with_points_apart(record: &Record) -> Result<Identified, Unknown> {
     })
 }
 
-/// What was found, settled on all points, without what those do not need; and its error where it was held back.
-fn settled(record: &Record, found: &Found) -> Result<(Record, Vec<f64>, f64), Unknown> {
-    modes_of(found)?;
-    let failed = || Unknown::all("the fit to all of its points failed");
-    let (record, found) = without_idle_poles(record, found).ok_or_else(failed)?;
-    let every = record.frequency.len().div_ceil(2 * ENOUGH);
-    let (even, odd) = (record.points(0, 2 * every), record.points(every, 2 * every));
-    let (coded, error) = pruned(found.coded, found.poles, |coded| {
-        let (settled, _) = minimise(|c| even.residuals(c), coded)?;
-        let (values, _) = even.linear(&settled)?;
-        Some(odd.error(&settled, &values)).filter(|e| e.is_finite())
-    })
-    .ok_or_else(failed)?;
-    let (coded, _) = minimise(|c| record.residuals(c), &coded).ok_or_else(failed)?;
-    let coded = without_idle_modes(&record, coded);
-    Ok((record, coded, error))
-}
-
 fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
     if !record.phased {
         return magnitude::identify(record);
@@ -276,27 +260,34 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
         ..record.clone()
     };
     let other = search(&skewed);
-    // Modes that are not of proportional damping pass for a delay: they stay where all points need them, as poles and modes do.
-    let skewed = (other.error < (1.0 - WORTH) * plain.error)
-        .then(|| settled(&skewed, &other))
-        .and_then(Result::ok);
-    let plain = settled(record, &plain);
-    let (record, coded, error) = match (skewed, plain) {
-        (Some(skewed), Ok(plain)) if wanted((&skewed.0, &skewed.1), (&plain.0, &plain.1)) => skewed,
-        (Some(skewed), Err(_)) => skewed,
-        (_, plain) => plain?,
+    let (record, found) = if other.error < (1.0 - WORTH) * plain.error {
+        (&skewed, other)
+    } else {
+        (record, plain)
     };
+    modes_of(&found)?;
+    let (record, found) = without_idle_poles(record, &found)
+        .ok_or_else(|| Unknown::all("the fit to all of its points failed"))?;
     let record = &record;
+    let every = record.frequency.len().div_ceil(2 * ENOUGH);
+    let (even, odd) = (record.points(0, 2 * every), record.points(every, 2 * every));
+    let (coded, error) = pruned(found.coded, found.poles, |coded| {
+        let (settled, _) = minimise(|c| even.residuals(c), coded)?;
+        let (values, _) = even.linear(&settled)?;
+        Some(odd.error(&settled, &values)).filter(|e| e.is_finite())
+    })
+    .ok_or_else(|| Unknown::all("the fit to its points failed"))?;
+    let (coded, _) = minimise(|c| record.residuals(c), &coded)
+        .ok_or_else(|| Unknown::all("the fit to all of its points failed"))?;
+    let coded = without_idle_modes(record, coded);
     let modes = record.modes(&coded);
     rows::of_one(record, &coded)?;
-    let depend = || Unknown::all("its modes depend on each other");
-    let (values, left) = record.linear(&coded).ok_or_else(depend)?;
+    let solution = uncertainty_of_points(|c| record.residuals(c), &coded)
+        .ok_or_else(|| Unknown::all("its modes depend on each other"))?;
+    let (values, _) = record
+        .linear(&coded)
+        .ok_or_else(|| Unknown::all("its modes depend on each other"))?;
     let x = record.columns(&coded);
-    let sizes = record.response.iter().zip(&record.weight);
-    let share: Vec<f64> = sizes.map(|(h, w)| h.norm() * w).collect();
-    let spread = spread(&left, &share, coded.len() + values.len());
-    let solution =
-        uncertainty_of_points(|c| record.residuals(c), &coded, (&spread, &x)).ok_or_else(depend)?;
     let product = &x * nalgebra::DVector::from_column_slice(&values);
     let n = record.frequency.len();
     let prediction = (0..n)
@@ -304,11 +295,10 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
         .collect();
     let (mut parameters, mut unknown) = stated_modes(record, &coded, modes, &solution);
     let top = TAU * record.highest();
-    let own = solution.std_correlated[2 * modes];
     let delay = Known {
         value: coded[2 * modes] / top,
         std: solution.std[2 * modes] / top,
-        std_correlated: own.max(delay_spread(record, &coded)) / top,
+        std_correlated: solution.std_correlated[2 * modes].max(delay_spread(record, &coded)) / top,
     };
     let steps: Vec<f64> = record.frequency.windows(2).map(|w| w[1] - w[0]).collect();
     let longest = 0.5 / quantile(&steps, 0.5);
@@ -346,6 +336,55 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
             .collect(),
         set_aside: Vec::new(),
     })
+}
+
+/// How far the delay moves with what nobody knows of the model, as it is searched: whether modes are of proportional
+/// damping, a real pole more or less, the lower or the upper half of the points alone.
+fn delay_spread(record: &Record, coded: &[f64]) -> f64 {
+    let at = 2 * record.modes(coded);
+    let own = coded[at];
+    let mut others = Vec::new();
+    let turned = Record {
+        skewed: !record.skewed,
+        ..record.clone()
+    };
+    if let Some((other, _)) = minimise(|c| turned.residuals(c), coded) {
+        // A model that tells much worse says nothing.
+        let left = |record: &Record, coded: &[f64]| squares(&record.residuals(coded));
+        if left(&turned, &other) < 2.0 * left(record, coded) {
+            others.push(other[at]);
+        }
+    }
+    let more = record.with_poles(record.poles + 1);
+    if let Some(other) = extend_pole(&more, coded) {
+        others.push(other[at]);
+    }
+    // With modes and poles as they are, by a part of the points.
+    let n = record.frequency.len();
+    for rows in [0..n / 2, n / 2..n, n / 4..3 * n / 4] {
+        let part = Record {
+            frequency: record.frequency[rows.clone()].to_vec(),
+            response: record.response[rows.clone()].to_vec(),
+            weight: record.weight[rows].to_vec(),
+            ..record.clone()
+        };
+        // The delay is counted by the highest frequency.
+        let scale = part.highest() / record.highest();
+        let residuals = |d: &[f64]| {
+            let mut moved = coded.to_vec();
+            moved[at] = d[0] * scale;
+            part.residuals(&moved)
+        };
+        let known = uncertainty_of_points(residuals, &[own]).map(|s| s.std_correlated[0]);
+        let found = minimise(residuals, &[own]).map(|(d, _)| d[0]);
+        // A part that hardly tells a delay says nothing against another.
+        if let (Some(found), Some(known)) = (found, known)
+            && (found - own).abs() > 2.0 * known
+        {
+            others.push(found);
+        }
+    }
+    others.iter().map(|o| (o - own).abs()).fold(0.0, f64::max)
 }
 
 /// Where the model's magnitude is highest near each mode, in the order of their frequencies.

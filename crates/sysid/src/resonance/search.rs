@@ -219,28 +219,6 @@ pub(super) fn without_idle_modes(record: &Record, mut coded: Vec<f64>) -> Vec<f6
     coded
 }
 
-/// How many numbers a record's model has, beside its constant, slow and stiff parts and its delay.
-fn numbers(record: &Record, coded: &[f64]) -> f64 {
-    let each = if record.skewed { 4 } else { 3 };
-    (each * record.modes(coded) + 2 * record.poles) as f64
-}
-
-/// By how many times one model of the points is less probable than another by the Bayesian information criterion, with as many points
-/// as what the other leaves has of its own ([`without_idle_poles`]). `None` where nothing is left.
-pub(super) fn improbable(one: (&Record, &[f64]), other: (&Record, &[f64])) -> Option<f64> {
-    let left = |(record, coded): (&Record, &[f64])| squares(&record.residuals(coded));
-    let residuals = other.0.residuals(other.1);
-    let points = independent(&residuals) * carrying(&residuals);
-    let more = numbers(one.0, one.1) - numbers(other.0, other.1);
-    let ratio = (0.5 * (points * (left(one) / left(other)).ln() + more * points.ln())).exp();
-    (!ratio.is_nan()).then_some(ratio)
-}
-
-/// Whether one model is more probable than another.
-pub(super) fn wanted(one: (&Record, &[f64]), other: (&Record, &[f64])) -> bool {
-    improbable(one, other).is_some_and(|ratio| ratio < 1.0)
-}
-
 /// The search's numbers without one of its poles, settled anew, and what they leave. A pole beyond the band is a delay by its time
 /// constant: from delays with and without that.
 fn settled_without(fewer: &Record, coded: &[f64], pole: usize) -> Option<(Vec<f64>, f64)> {
