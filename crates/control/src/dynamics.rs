@@ -272,7 +272,7 @@ mod tests {
     fn what_is_no_swing_tells_none() {
         let still = |k: u32| StepSeen {
             time: 0.08 * f64::from(k),
-            way: if k % 2 == 0 { 1.0 } else { -1.0 },
+            way: if k.is_multiple_of(2) { 1.0 } else { -1.0 },
             seen: (0..40)
                 .map(|i| {
                     (
