@@ -56,10 +56,7 @@ pub struct MicroDynamics {
 impl MicroDynamics {
     /// What was measured of a manipulator's micro.
     pub fn of(&self, side: Side) -> Option<&DynamicsBelief> {
-        match side {
-            Side::Left => self.left.as_ref(),
-            Side::Right => self.right.as_ref(),
-        }
+        [&self.left, &self.right][side.index()].as_ref()
     }
 }
 
