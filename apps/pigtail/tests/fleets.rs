@@ -117,8 +117,6 @@ fn a_stage_that_stands_askew_is_measured_and_not_stopped() {
     assert!(yaw[0].as_f64().is_some_and(|yaw| yaw.abs() > 0.3), "{json}");
 }
 
-/// With the camera of the thesis, which is good to 2 um, five gaps take up to two minutes a fiber; once it is known how light
-/// spreads, two of them tell.
 /// A fiber whose macro goes 25 um aside before an inclined facet, with its micro as far back: what the piezos keep to themselves of that looked like a
 /// way towards where the facet stands out, and the guard stopped it 21 um before the chip.
 #[test]
@@ -130,6 +128,35 @@ fn a_macro_that_goes_aside_before_an_inclined_facet_is_not_stopped() {
     arguments.extend(drawn);
     let (json, code) = answer(folder.path(), &arguments);
     assert_eq!((code, &json["aligned"]), (0, &9.into()), "{json}");
+}
+
+/// Vision sees this fiber 70 um beside the light that leads it, which is as far as it may be: on a circle of a micrometre it was in the light in one cycle
+/// and before a facet that stands out in the next, and the guard stopped it 19 um before the chip.
+#[test]
+#[ignore = "long: a machine commissioned"]
+fn a_fiber_at_the_edge_of_where_light_may_be_is_not_stopped_on_its_circle() {
+    let folder = TempDir::new().expect("a folder");
+    let drawn = ["--fleet", "workshop", "--seed", "128012", "--machines", "1"];
+    let mut arguments = vec!["campaign", "--devices", "3", "--commissioned"];
+    arguments.extend(drawn);
+    let (json, code) = answer(folder.path(), &arguments);
+    assert_eq!((code, &json["aligned"]), (0, &9.into()), "{json}");
+}
+
+/// A micro that is damped by 0.06, after a macro went 15 um with its load hidden by half of that: what was taken for the background was looked at
+/// where the spot was not, with the tip swinging, and a tenth of it was the spot's own light. Widths were 4 % too small, and a gap was 2.3 um
+/// off that was known to 0.3.
+#[test]
+#[ignore = "long: a machine commissioned"]
+fn the_background_is_looked_at_beside_the_spot_and_at_rest() {
+    let folder = TempDir::new().expect("a folder");
+    let drawn = ["--fleet", "workshop", "--seed", "130156", "--machines", "1"];
+    let mut arguments = vec!["campaign", "--devices", "2", "--commissioned"];
+    arguments.extend(drawn);
+    let (json, code) = answer(folder.path(), &arguments);
+    assert_eq!((code, &json["aligned"]), (0, &6.into()), "{json}");
+    let off = number(&json["offset_um"], "z_max");
+    assert!(off < 1.0, "{off}");
 }
 
 /// Stages 0.5 degrees askew, modes of 6 um and ripples of 0.35 dB: where it is brightest lies 30 nm beside the peak, rms, and could be 60. What may be is
@@ -169,6 +196,8 @@ fn what_ripples_do_on_stages_askew_is_measured_where_it_matters() {
     }
 }
 
+/// With the camera of the thesis, which is good to 2 um, five gaps take up to two minutes a fiber; once it is known how light
+/// spreads, two of them tell.
 #[test]
 #[ignore = "long: machines commissioned, ten thousand seconds of machine time"]
 fn light_tells_the_gap_in_seconds_once_it_is_known_how_it_spreads() {

@@ -229,6 +229,11 @@ impl<'r> ConicalScan<'r> {
         Self { forgets, ..self }
     }
 
+    /// Turns in which what a way to the circle had swing comes to rest.
+    pub(crate) fn turns_to_settle(&self, bench: &Reactor<'_>) -> u32 {
+        (self.forgets * self.group(bench).settling / self.period).ceil() as u32
+    }
+
     /// The same with light whose laser was seen to flicker so.
     #[must_use]
     pub fn flickering(self, flicker: Flicker) -> Self {

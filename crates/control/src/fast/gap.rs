@@ -12,6 +12,7 @@ use crate::outcome::Halt;
 use crate::procedure::{outward, place_at};
 use crate::recipe::Recipe;
 use crate::rise::{Ripple, Seen};
+use crate::station::Level;
 use crate::tuning::TUNING;
 
 use pigtail_hal::Spec;
@@ -494,30 +495,89 @@ async fn beside(
     aim: &Aim,
     scan: &mut ConicalScan<'_>,
 ) -> Result<(), Halt> {
-    let gap = aim.gap(cell);
-    let (spot, by) = (scan.place(gap), TUNING.gap.beside * scan.beam_width(gap));
-    // Below it: what goes across before an inclined facet is believed to come nearer to the chip. Or away from where the micro's way ends.
-    let below = spot - Displacement::new(0.0, by);
-    let lowest = below - Displacement::new(0.0, scan.beam_width(gap));
-    let there = if cell.micro_reaches(aim.side, lowest) {
-        below
-    } else {
-        spot - Displacement::new(by.copysign(spot.x), 0.0)
-    };
-    scan.expect_at(there, gap);
-    for _ in 0..TUNING.gap.beside_turns {
+    for _ in 0..TUNING.gap.beside_again {
+        centred(cell, aim, scan).await?;
+        let gap = aim.gap(cell);
+        let (spot, width) = (scan.place(gap), scan.beam_width(gap));
+        let by = TUNING.gap.beside * width;
+        // Below it: what goes across before an inclined facet is believed to come nearer to the chip. Or away from where the micro's way ends.
+        let below = spot - Displacement::new(0.0, by);
+        let lowest = below - Displacement::new(0.0, width);
+        let there = if cell.micro_reaches(aim.side, lowest) {
+            below
+        } else {
+            spot - Displacement::new(by.copysign(spot.x), 0.0)
+        };
+        // A way of some widths sets a micro swinging that is hardly damped, and one that swings past the spot sees light there.
+        let turns = TUNING.gap.beside_turns.max(scan.turns_to_settle(cell));
+        scan.expect_at(there, gap);
+        turn(cell, scan, gap, turns).await?;
+        let level = dimmest(job, cell, aim, scan).await?;
+        scan.set_background(level.mean);
+        scan.expect_at(spot, gap);
+        turn(cell, scan, gap, turns).await?;
+        // Where a macro still brings out what its transmission hid, the spot was not where it was believed to be, nor was this beside it.
+        centred(cell, aim, scan).await?;
+        if (scan.place(gap) - spot).norm() < TUNING.gap.beside_moved * width {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// The light where the micro is, once it is at rest there.
+async fn dimmest(
+    job: &Job<'_>,
+    cell: &AlignmentCell<'_>,
+    aim: &Aim,
+    scan: &ConicalScan<'_>,
+) -> Result<Level, Halt> {
+    let seconds = f64::from(TUNING.gap.beside_turns) * scan.period();
+    let mut level = cell.level(job.channel, seconds).await?;
+    if cell.settles(aim.side) {
+        return Ok(level);
+    }
+    // Nobody measured how long it swings: until no light goes any more.
+    for _ in 0..TUNING.gap.beside_looks {
+        let before = level;
+        level = cell.level(job.channel, seconds).await?;
+        let n = f64::from(TUNING.gap.beside_turns) * scan.samples() as f64;
+        let chance = before.sigma.hypot(level.sigma) / n.sqrt();
+        if level.mean > before.mean - TUNING.gap.beside_chance * chance {
+            break;
+        }
+    }
+    Ok(level)
+}
+
+/// Some turns at a gap.
+async fn turn(
+    cell: &AlignmentCell<'_>,
+    scan: &mut ConicalScan<'_>,
+    gap: f64,
+    turns: u32,
+) -> Result<(), Halt> {
+    for _ in 0..turns {
         scan.turn(cell, gap).await?;
     }
-    let level = cell
-        .level(
-            job.channel,
-            f64::from(TUNING.gap.beside_turns) * scan.period(),
-        )
-        .await?;
-    scan.set_background(level.mean);
-    scan.expect_at(spot, gap);
-    for _ in 0..TUNING.gap.beside_turns {
+    Ok(())
+}
+
+/// Turns until the peak is in their middle.
+async fn centred(
+    cell: &AlignmentCell<'_>,
+    aim: &Aim,
+    scan: &mut ConicalScan<'_>,
+) -> Result<(), Halt> {
+    let gap = aim.gap(cell);
+    for _ in 0..TUNING.gap.centring {
         scan.turn(cell, gap).await?;
+        let Some(peak) = scan.peak() else {
+            break;
+        };
+        if scan.go_to(cell, &peak, gap)? < TUNING.gap.centred * scan.beam_width(gap) {
+            break;
+        }
     }
     Ok(())
 }
@@ -529,16 +589,8 @@ async fn width(
     scan: &mut ConicalScan<'_>,
     share: f64,
 ) -> Result<Option<SeenWidth>, Halt> {
+    centred(cell, aim, scan).await?;
     let gap = aim.gap(cell);
-    for _ in 0..TUNING.gap.centring {
-        scan.turn(cell, gap).await?;
-        let Some(peak) = scan.peak() else {
-            break;
-        };
-        if scan.go_to(cell, &peak, gap)? < TUNING.gap.centred * scan.beam_width(gap) {
-            break;
-        }
-    }
     let at = aim.gap_by_encoders(cell);
     let width = scan.width(cell, gap, at, share, cell.rounds()).await?;
     if let Some(width) = &width {

@@ -50,6 +50,14 @@ topic! {
         beside: f64 = 4.0, "widths", Equation;
         /// Until the micro is there, and for how long it looks.
         beside_turns: u32 = 2, "turns", Choice;
+        /// How far the spot may have been from where it was believed to be while it was looked beside it.
+        beside_moved: f64 = 0.5, "widths", Choice;
+        /// Times that it is looked beside it, at most.
+        beside_again: u32 = 4, "1", Choice;
+        /// Looks at it, at most, of a micro of which nobody measured how long it swings.
+        beside_looks: u32 = 8, "1", Choice;
+        /// Standard deviations by which it is to have fallen from one look to the next for such a micro to swing still.
+        beside_chance: f64 = 2.0, "sigma", Choice;
         /// What is kept off the chip more than the guard takes off, for its own frames are not quite the same.
         more_than_guard: f64 = 1.0, "sigma", Choice;
         /// Where it is known how light spreads, the spot is looked at where its squared width is so many times that at the chip,

@@ -85,6 +85,15 @@ struct Distance {
     in_light: bool,
 }
 
+/// Where a fiber was led near to the chip.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Led {
+    /// Where it stood in x, metres.
+    x: f64,
+    /// Whether that was in the light of a port by all that is known.
+    in_light: bool,
+}
+
 /// A frame that does not agree with the encoders.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Surprise {
@@ -175,8 +184,8 @@ pub(super) struct Keepout {
     held: [bool; SIDES],
     fibers: [Option<Belief>; SIDES],
     sensing: Option<Belief>,
-    /// Where each fiber stood in x when its light led it near to the chip, metres.
-    led: [Option<f64>; SIDES],
+    /// Where each fiber was led near to the chip, if it is there.
+    led: [Option<Led>; SIDES],
     /// Since when each fiber has been in its holder, seconds.
     since: [f64; SIDES],
     /// Since when all of it has been watched, seconds.
@@ -607,16 +616,26 @@ impl Keepout {
             let facet = &self.geometry.facets[i];
             let carried = if self.held[i] {
                 let tip = Tip::Fiber(side);
+                let x = probed[i].unwrap_or(self.stand(i, 0).tip.x);
+                // One that was led there in the light of a port is in it until it has gone as far as that may lie beside.
+                let there =
+                    self.led[i].is_some_and(|led| led.in_light && (x - led.x).abs() <= BESIDE);
+                let beside = if there { 2.0 * BESIDE } else { BESIDE };
                 let Distance {
                     clearance,
                     in_light,
-                } = self.clearance(tip, self.fibers[i].as_ref(), probed[i]);
-                let x = probed[i].unwrap_or(self.stand(i, 0).tip.x);
+                } = self.clearance(tip, self.fibers[i].as_ref(), probed[i], beside);
                 let near = clearance < GuardSpec::LED;
-                self.led[i] = near.then_some(self.led[i].unwrap_or(x));
+                self.led[i] = near.then_some(match self.led[i] {
+                    Some(led) => Led {
+                        in_light: led.in_light || in_light,
+                        ..led
+                    },
+                    None => Led { x, in_light },
+                });
                 // From where its light led it near it may not go where the facet stands out.
                 let out = match self.led[i] {
-                    Some(from) if in_light => ((x - from) * facet.stands_out).max(0.0),
+                    Some(led) if in_light => ((x - led.x) * facet.stands_out).max(0.0),
                     _ => 0.0,
                 };
                 let clearance = clearance - out;
@@ -630,7 +649,8 @@ impl Keepout {
                 (["left holder", "right holder"][i], clearance)
             };
             let beside = (side == Side::Right).then(|| {
-                let distance = self.clearance(Tip::Sensing, self.sensing.as_ref(), probed[i]);
+                let distance =
+                    self.clearance(Tip::Sensing, self.sensing.as_ref(), probed[i], BESIDE);
                 (Tip::Sensing.name(), distance.clearance)
             });
             for (what, clearance) in std::iter::once(carried).chain(beside) {
@@ -660,9 +680,16 @@ impl Keepout {
         right.z - left.z + tips - self.placement
     }
 
-    /// Of a tip from the chip with what is believed of it, and where the probes have its holder's fiber in x, metres.
+    /// Of a tip from the chip with what is believed of it, where the probes have its holder's fiber in x (metres), and how far
+    /// `beside` all that is known the light may be, metres.
     #[inline(always)]
-    fn clearance(&self, tip: Tip, belief: Option<&Belief>, probed: Option<f64>) -> Distance {
+    fn clearance(
+        &self,
+        tip: Tip,
+        belief: Option<&Belief>,
+        probed: Option<f64>,
+        beside: f64,
+    ) -> Distance {
         let facet = &self.geometry.facets[tip.side().index()];
         let at = self.nominal(tip, 0);
         let Some(belief) = belief else {
@@ -684,7 +711,7 @@ impl Keepout {
         // Before a port: a tip that comes near to the chip is led there by its light, which says
         // better where it stands than vision can.
         let in_light = match tip {
-            Tip::Fiber(_) => facet.gap_in_light(x, z, aside + BESIDE),
+            Tip::Fiber(_) => facet.gap_in_light(x, z, aside + beside),
             Tip::Sensing => None,
         };
         Distance {
