@@ -632,6 +632,7 @@ impl<'r> ConicalScan<'r> {
         let start = self.centre;
         let (mut dark, mut dim) = (false, Vec::new());
         let mut last = f64::INFINITY;
+        let (mut farther, mut gone) = (1.0, None::<Displacement>);
         for turn in 1..=self.shape.turns {
             self.turn(bench, gap).await?;
             let mut peak = self.clear_peak();
@@ -650,7 +651,19 @@ impl<'r> ConicalScan<'r> {
                 continue;
             };
             dim.clear();
-            last = self.go_to(bench, &peak, gap)?;
+            let from = self.centre;
+            let by = peak.at - from;
+            // A micro that swings along goes around farther than it is told, and a spot may be narrower than believed: the peak is seen farther
+            // away than it is, as much as it is seen on the other side from where it was to be.
+            if let Some(way) =
+                gone.filter(|way| way.norm() > TUNING.circle.tells * peak.deviation())
+            {
+                let left = (by.x * way.x + by.y * way.y) / (way.x * way.x + way.y * way.y);
+                farther = (1.0 - left).clamp(1.0, TUNING.circle.farther);
+            }
+            let at = from + by / farther;
+            last = self.go_to(bench, &Peak { at, ..peak }, gap)?;
+            gone = Some(self.centre - from);
             if turn >= least && last < accuracy && peak.deviation() < accuracy {
                 return Ok(peak);
             }

@@ -34,6 +34,10 @@ topic! {
         most_oblong: f64 = 0.6, "1", Choice;
         /// How far a circle's middle goes in a turn, at most.
         stride: f64 = 1.2, "widths", Choice;
+        /// Of how many standard deviations of a peak's place a way there must be to tell how much farther away it was seen than it is.
+        tells: f64 = 10.0, "sigma", Choice;
+        /// No peak is believed to be seen more times as far away as it is.
+        farther: f64 = 4.0, "1", Choice;
     }
 }
 
