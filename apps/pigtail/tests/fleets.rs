@@ -159,6 +159,20 @@ fn the_background_is_looked_at_beside_the_spot_and_at_rest() {
     assert!(off < 1.0, "{off}");
 }
 
+/// Micros of 83 to 87 Hz, which swing along on circles of 42, and modes that are twice as wide in y as in x: each turn saw the peak twice as far away as
+/// it was, went there, and saw it as far away on the other side, until it was given up after ten seconds.
+#[test]
+#[ignore = "long: a machine commissioned"]
+fn a_circle_that_is_larger_than_told_learns_it() {
+    let folder = TempDir::new().expect("a folder");
+    let drawn = ["--fleet", "workshop", "--seed", "130115", "--machines", "1"];
+    let mut arguments = vec!["campaign", "--devices", "3", "--commissioned"];
+    arguments.extend(drawn);
+    let (json, code) = answer(folder.path(), &arguments);
+    assert_eq!((code, &json["aligned"]), (0, &9.into()), "{json}");
+    assert_eq!(json["false_aligned"], 0);
+}
+
 /// Stages 0.5 degrees askew, modes of 6 um and ripples of 0.35 dB: where it is brightest lies 30 nm beside the peak, rms, and could be 60. What may be is
 /// too much for a fiber to be believed; what is, is measured.
 #[test]

@@ -76,7 +76,10 @@ impl<'r> Shared<'r> {
                 other.put_back(cell).await?;
                 cell.brake(aim.side)?;
                 job.withdraw(cell, aim.side).await?;
-                self.bring(job, cell, aim).await?;
+                // One that slipped as it was attached is not to be aligned any more.
+                if cell.carries(aim.side) {
+                    self.bring(job, cell, aim).await?;
+                }
                 Err(outcome.into())
             }
             fault => fault.map(|_| ()),
