@@ -144,7 +144,7 @@ fn a_fiber_at_the_edge_of_where_light_may_be_is_not_stopped_on_its_circle() {
 }
 
 /// A micro that is damped by 0.06, after a macro went 15 um with its load hidden by half of that: what was taken for the background was looked at
-/// where the spot was not, with the tip swinging, and a tenth of it was the spot's own light. Widths were 4 % too small, and a gap was 2.3 um
+/// where the spot was not, with the tip swinging, and a twentieth of the spot's own light was in it. Widths were 4 % too small, and a gap was 2.3 um
 /// off that was known to 0.3.
 #[test]
 #[ignore = "long: a machine commissioned"]
