@@ -662,7 +662,9 @@ impl<'r> ConicalScan<'r> {
                 farther = (1.0 - left).clamp(1.0, TUNING.circle.farther);
             }
             let at = from + by / farther;
-            last = self.go_to(bench, &Peak { at, ..peak }, gap)?;
+            self.go_to(bench, &Peak { at, ..peak }, gap)?;
+            // By what was seen, and not by what is made of it: what is no peak is seen anywhere.
+            last = by.norm();
             gone = Some(self.centre - from);
             if turn >= least && last < accuracy && peak.deviation() < accuracy {
                 return Ok(peak);
