@@ -172,6 +172,7 @@ impl WithSimd for Cycle<'_> {
         reason = "what is not inlined does not get the instructions of its caller"
     )]
     fn with_simd<S: Simd>(self, _: S) {
-        self.pools.advance(self.blocks, self.voltages);
+        let wide = S::F64_LANES >= LANES;
+        self.pools.advance(self.blocks, self.voltages, wide);
     }
 }

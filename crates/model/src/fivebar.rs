@@ -221,8 +221,9 @@ impl FiveBar {
         y: f64,
     ) -> Result<[JointAngle; 2], Unreachable> {
         let [a, b] = self.legs(x, y)?;
-        let mut angle = |i: usize, leg: Leg| JointAngle(turning[i].angle_of(leg.along, leg.reach));
-        Ok([angle(0, a), angle(1, b)])
+        let [of_a, of_b] = turning;
+        let a = of_a.angle_of(a.along, a.reach);
+        Ok([JointAngle(a), JointAngle(of_b.angle_of(b.along, b.reach))])
     }
 
     /// The legs to a point.
@@ -305,14 +306,20 @@ impl FiveBar {
         turning: &mut [Turning; 2],
         angles: [JointAngle; 2],
     ) -> Result<(f64, f64), Unreachable> {
-        let mut elbow = |i: usize, outward: f64| {
-            let (sin, cos) = turning[i].sin_cos(angles[i].0);
+        // One by one: a closure that is called twice may be left a call, which gets none of its caller's instructions.
+        let [a, b] = turning;
+        let (sin_a, cos_a) = a.sin_cos(angles[0].0);
+        let (sin_b, cos_b) = b.sin_cos(angles[1].0);
+        let elbows = [
             Displacement::new(
-                self.proximal * cos + self.base_x(outward),
-                self.proximal * sin,
-            )
-        };
-        let elbows = [elbow(0, -1.0), elbow(1, 1.0)];
+                self.proximal * cos_a + self.base_x(-1.0),
+                self.proximal * sin_a,
+            ),
+            Displacement::new(
+                self.proximal * cos_b + self.base_x(1.0),
+                self.proximal * sin_b,
+            ),
+        ];
         self.meet(elbows, angles)
     }
 

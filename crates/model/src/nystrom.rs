@@ -65,7 +65,7 @@ pub(crate) const SERIES: [f64; 16] = {
 };
 
 /// Up to this `z` eight terms of it are enough.
-pub(crate) const SLOW: f64 = 0.15;
+const SLOW: f64 = 0.15;
 
 /// `phi_0` to `phi_5`, to 1e-13 of each.
 #[inline]

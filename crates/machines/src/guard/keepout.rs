@@ -648,11 +648,13 @@ impl Keepout {
                 let clearance = front - aside * facet.stands_out.abs() - self.placement;
                 (["left holder", "right holder"][i], clearance)
             };
-            let beside = (side == Side::Right).then(|| {
+            let beside = if side == Side::Right {
                 let distance =
                     self.clearance(Tip::Sensing, self.sensing.as_ref(), probed[i], BESIDE);
-                (Tip::Sensing.name(), distance.clearance)
-            });
+                Some((Tip::Sensing.name(), distance.clearance))
+            } else {
+                None
+            };
             for (what, clearance) in std::iter::once(carried).chain(beside) {
                 let clearance = clearance - stop;
                 if clearance < nearest.clearance {

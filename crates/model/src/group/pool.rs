@@ -17,7 +17,8 @@ use crate::nystrom::POINTS;
 /// So many joints make one group: as many numbers as the widest vector holds.
 pub(crate) const LANES: usize = 8;
 
-/// So many are finished together where there are as many.
+/// So many are finished together where there are as many. (Twice as many at once take longer: what they need at the same time is more
+/// than there are registers.)
 const MANY: usize = LANES;
 
 /// And so many where there are no more: as many numbers as the narrowest vector holds.
@@ -59,9 +60,14 @@ impl Pools {
         }
     }
 
-    /// Advances all blocks by a cycle, each joint under its voltage.
+    /// Advances all blocks by a cycle, each joint under its voltage, where a vector holds a number of each joint of a block
+    /// or is not so `wide`.
     #[inline(always)]
-    pub(crate) fn advance(&mut self, blocks: &mut [Block], voltages: &[f64]) {
+    pub(crate) fn advance(&mut self, blocks: &mut [Block], voltages: &[f64], wide: bool) {
+        if let [block] = blocks {
+            self.few.advance_alone(block, voltages, wide);
+            return;
+        }
         let most = blocks.iter().map(|block| block.group.steps).max();
         for step in 0..most.unwrap_or(0) {
             for b in 0..blocks.len() {
@@ -143,6 +149,43 @@ impl<const N: usize> Pool<N> {
             },
             from: [(0, 0, 0.0); N],
             len: 0,
+        }
+    }
+
+    /// Advances a block that nobody lies beside by a cycle: no others are there that a vector could be filled with. Where one holds all of it,
+    /// those whose modes change are finished where they lie: to gather them would take longer.
+    #[inline(always)]
+    fn advance_alone(&mut self, block: &mut Block, voltages: &[f64], wide: bool) {
+        let mut here = Each([0.0; LANES]);
+        for (lane, volts) in here.0.iter_mut().zip(voltages) {
+            *lane = *volts;
+        }
+        for _ in 0..block.group.steps {
+            let Block { group, states } = &mut *block;
+            let input = group.lanes.input(states, here);
+            let Some(mut ends) = group.lanes.step(states, &input) else {
+                return;
+            };
+            if !ends.margin.any_negative() {
+                states.go_to(&ends);
+                continue;
+            }
+            let count = ends.margin.0.iter().filter(|m| **m < 0.0).count();
+            if wide || count > N {
+                group.lanes.pass(states, &input, &mut ends);
+                if ends.margin.any_negative() {
+                    group.finish(states, &here, &mut ends);
+                }
+                states.go_to(&ends);
+                continue;
+            }
+            for i in 0..LANES {
+                if ends.margin[i] < 0.0 {
+                    self.put(&group.lanes, states, (&input, &ends), i, (0, i, here[i]));
+                }
+            }
+            states.go_to(&ends);
+            self.finish(std::slice::from_mut(block));
         }
     }
 

@@ -2,7 +2,7 @@
 
 use crate::parameters::{Pid, five_bar, round_up, z_stage};
 use crate::{CYCLE, triangle};
-use pigtail_model::batch::Batch;
+use pigtail_model::batch::{Batch, LANES};
 use pigtail_model::friction::Friction;
 use pigtail_model::instructions::Instructions;
 use pigtail_model::joint::{Joint, JointParameters, JointState};
@@ -109,6 +109,31 @@ fn all_instructions_make_the_same_bits() {
             assert!(batch == &batches[0], "{}", instructions.name());
         }
         assert!((0..JOINTS).any(|i| batches[0].motor_angle(i) != 0.0));
+    }
+}
+
+/// Eight by themselves are finished in other ways than among many, by wide vectors and by narrow ones.
+#[test]
+fn few_go_the_way_that_they_go_among_many() {
+    for kind in 0..2 {
+        let joints = joints(kind);
+        for by in Instructions::all() {
+            let mut many = Batch::new(&joints, CYCLE);
+            let mut few = Batch::new(&joints[..LANES], CYCLE);
+            let mut started = 0;
+            for k in 0..4000 {
+                let voltage = |i: usize| 4.0 * wave(k, 97, i, 1.0, 500);
+                let voltages: Vec<_> = (0..JOINTS).map(voltage).collect();
+                let rests = few.state(0).motor_velocity == 0.0;
+                many.advance_by(by, &voltages);
+                few.advance_by(by, &voltages[..LANES]);
+                started += usize::from(rests && few.state(0).motor_velocity != 0.0);
+            }
+            for i in 0..LANES {
+                assert_eq!(few.state(i), many.state(i), "{i} by {}", by.name());
+            }
+            assert!(started > 10, "{started} starts");
+        }
     }
 }
 
