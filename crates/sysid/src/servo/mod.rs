@@ -443,8 +443,10 @@ pub fn identify(
         ));
     }
     let (set, moved) = &quiet(record, set, &mut remarks);
-    let record = &*doubtful::without(record, Some(moved), set, &mut remarks);
-    let second = second.map(|r| doubtful::without(&r, None, set, &mut Vec::new()).into_owned());
+    let record = &*doubtful::without(record, Some(moved), set, &mut remarks)?;
+    let second = second
+        .map(|r| doubtful::without(&r, None, set, &mut Vec::new()).map(Cow::into_owned))
+        .transpose()?;
     let set = &Settings {
         settle: equations::unsettled(&moved.equations(record, set)),
         ..*set
