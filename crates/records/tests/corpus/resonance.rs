@@ -147,7 +147,67 @@ const CASES: &[(&str, Wanted, Mangle)] = &[
             (row[1], row[2]) = (other[1], other[2]);
         }
     }),
+    (
+        "magnitudes that are means of 9 points",
+        Wanted::Either,
+        |rows, _| smoothed(rows, 9, true, false),
+    ),
+    (
+        "magnitudes that are means of 25 points",
+        Wanted::Either,
+        |rows, _| smoothed(rows, 25, true, false),
+    ),
+    (
+        "phases that are means of 15 points",
+        Wanted::Either,
+        |rows, _| smoothed(rows, 15, false, true),
+    ),
+    (
+        "magnitudes and phases that are means of 15 points",
+        Wanted::Either,
+        |rows, _| smoothed(rows, 15, true, true),
+    ),
+    (
+        "real and imaginary parts that are means of 15 points",
+        Wanted::Either,
+        |rows, _| {
+            for part in [1, 2] {
+                let means = means(rows.iter().map(|r| r[part]).collect(), 15);
+                rows.iter_mut().zip(means).for_each(|(r, m)| r[part] = m);
+            }
+        },
+    ),
 ];
+
+/// Means over an odd number of values about each.
+fn means(old: Vec<f64>, over: usize) -> Vec<f64> {
+    let near = |k: usize| &old[k.saturating_sub(over / 2)..(k + over / 2 + 1).min(old.len())];
+    let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
+    (0..old.len()).map(|k| mean(near(k))).collect()
+}
+
+/// Geometric means of magnitudes, and means of phases.
+fn smoothed(rows: &mut Rows, over: usize, magnitude: bool, phase: bool) {
+    let mut sizes: Vec<f64> = rows.iter().map(|r| r[1].hypot(r[2]).ln()).collect();
+    let mut turn = 0.0;
+    let mut phases: Vec<f64> = Vec::new();
+    for row in rows.iter() {
+        let angle = row[2].atan2(row[1]);
+        if let Some(last) = phases.last() {
+            turn -= TAU * ((angle + turn - last) / TAU).round();
+        }
+        phases.push(angle + turn);
+    }
+    if magnitude {
+        sizes = means(sizes, over);
+    }
+    if phase {
+        phases = means(phases, over);
+    }
+    for (row, (size, phase)) in rows.iter_mut().zip(sizes.iter().zip(&phases)) {
+        (row[1], row[2]) = (size.exp() * phase.cos(), size.exp() * phase.sin());
+    }
+}
 
 fn judged(name: &str, wanted: Wanted, rows: &Rows, wrong: &mut Vec<String>) {
     let folder = tempfile::TempDir::new().expect("a folder");

@@ -507,7 +507,56 @@ pub(crate) const MANGLED: &[(&str, Wanted, Mangle)] = &[
         Wanted::Either,
         |rows, _| peaked(rows, 2.5),
     ),
+    (
+        "2 % of the voltages with the other sign",
+        Wanted::Right,
+        |rows, rng| some(rows, rng, 0.02, |u| -u),
+    ),
+    (
+        "5 % of the voltages with the other sign",
+        Wanted::Either,
+        |rows, rng| some(rows, rng, 0.05, |u| -u),
+    ),
+    ("3 % of the voltages lost", Wanted::Right, |rows, rng| {
+        some(rows, rng, 0.03, |_| 0.0);
+    }),
+    (
+        "a position that is the mean of 81 rows",
+        Wanted::Either,
+        |rows, _| mean(rows, 2, 81),
+    ),
+    (
+        "a position that is the mean of 41 rows, and flipped voltages",
+        Wanted::Either,
+        |rows, rng| {
+            mean(rows, 2, 41);
+            some(rows, rng, 0.02, |u| -u);
+        },
+    ),
+    (
+        "a voltage that is the mean of 81 rows",
+        Wanted::Either,
+        |rows, _| mean(rows, 3, 81),
+    ),
 ];
+
+/// What becomes of some of the voltages.
+fn some(rows: &mut Rows, rng: &mut Pcg64Mcg, share: f64, of: fn(f64) -> f64) {
+    for row in rows {
+        if rng.random::<f64>() < share {
+            row[3] = of(row[3]);
+        }
+    }
+}
+
+/// Means over an odd number of rows about each.
+fn mean(rows: &mut Rows, column: usize, over: usize) {
+    let old: Vec<f64> = rows.iter().map(|r| r[column]).collect();
+    for (k, row) in rows.iter_mut().enumerate() {
+        let near = &old[k.saturating_sub(over / 2)..(k + over / 2 + 1).min(old.len())];
+        row[column] = near.iter().sum::<f64>() / near.len() as f64;
+    }
+}
 
 /// Compressed, as by a stage that bends: linear where it is small, and at its highest what `tanh(1 / level)` makes of it.
 fn peaked(rows: &mut Rows, level: f64) {

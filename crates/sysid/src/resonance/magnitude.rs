@@ -84,6 +84,7 @@ fn least_phase(record: &Record) -> Record {
         phased: true,
         poles: 0,
         most_poles: 0,
+        lean: None,
     }
 }
 
@@ -199,7 +200,10 @@ pub(super) fn identify(record: &Record) -> Result<Identified, Unknown> {
     let (own, all) = fit(&phased, &coded).ok_or_else(failed)?;
     let depend = || Unknown::all("its modes depend on each other");
     let solution = uncertainty_of_points(|c| own.residuals(c), &all).ok_or_else(depend)?;
-    let (parameters, mut unknown) = stated_modes(&phased, &all, modes, &solution);
+    let mut at = all[..2 * modes].to_vec();
+    at.push(0.0);
+    let values = phased.linear(&at).map_or_else(Vec::new, |(v, _)| v);
+    let (parameters, mut unknown) = stated_modes(&phased, &all, &solution, None, (&at, &values));
     unknown.push(Unknown {
         parameters: vec!["delay"],
         because: "it has no phase: a delay leaves no trace in magnitude".to_owned(),
@@ -216,8 +220,6 @@ pub(super) fn identify(record: &Record) -> Result<Identified, Unknown> {
         name: "delay",
         known: None,
     });
-    let mut at = all[..2 * modes].to_vec();
-    at.push(0.0);
     let target: Vec<f64> = phased.target();
     let x = phased.columns(&at);
     Ok(Identified {
@@ -233,11 +235,7 @@ pub(super) fn identify(record: &Record) -> Result<Identified, Unknown> {
             .collect(),
         record: record.clone(),
         modes,
-        peaks: peaks(
-            &phased,
-            &at,
-            &phased.linear(&at).map_or_else(Vec::new, |(v, _)| v),
-        ),
+        peaks: peaks(&phased, &at, &values),
         real_poles: Vec::new(),
         set_aside: Vec::new(),
     })

@@ -14,6 +14,7 @@
 //!
 //! Where there is no phase, the least one that goes with the magnitude is taken (`magnitude.rs`).
 
+mod alike;
 mod magnitude;
 mod record;
 mod rows;
@@ -21,6 +22,7 @@ mod search;
 
 pub use record::Record;
 
+use self::alike::Sides;
 use self::record::ASIDE;
 use self::search::{
     Found, extend_pole, pruned, search, squares, without_idle_modes, without_idle_poles,
@@ -81,44 +83,74 @@ pub struct Identified {
     pub set_aside: Vec<f64>,
 }
 
-/// Frequency and damping of each mode in rising order, and what is not known of them.
+/// Frequency and damping of each mode in rising order, and what is not known of them: by what magnitude and phase say, and by the response
+/// that a model's searched numbers and linear parts tell.
 fn stated_modes(
     record: &Record,
     coded: &[f64],
-    modes: usize,
     solution: &Solution,
+    sides: Option<&[Sides]>,
+    model: (&[f64], &[f64]),
 ) -> (Vec<(&'static str, Known)>, Vec<Unknown>) {
-    let mut order: Vec<usize> = (0..modes).collect();
+    let mut order: Vec<usize> = (0..record.modes(model.0)).collect();
     order.sort_by(|a, b| coded[2 * a].total_cmp(&coded[2 * b]));
     let mut parameters = Vec::new();
     let mut unknown = Vec::new();
     for (names, k) in NAMES.iter().zip(&order) {
+        let off = |j: usize| sides.map_or(0.0, |s| s[j].off());
         let scaled = |j: usize, size: f64| Known {
             value: coded[j].exp() * size,
             std: coded[j].exp() * size * solution.std[j],
             // Neighbours that go together make nothing surer: where a narrow peak rests on few batches, their scatter
             // may be small by chance.
-            std_correlated: coded[j].exp() * size * solution.std_correlated[j].max(solution.std[j]),
+            std_correlated: coded[j].exp()
+                * size
+                * solution.std_correlated[j]
+                    .max(solution.std[j])
+                    .hypot(off(j)),
         };
         let (frequency, damping) = (scaled(2 * k, 1.0 / TAU), scaled(2 * k + 1, 1.0));
         doubt(record, names, &frequency, &damping, &mut unknown);
+        let of_damping = sides.map(|s| s[2 * k + 1]);
+        if let Some(sides) = of_damping.filter(|s| s.differ()) {
+            let [one, other] = sides.words();
+            unknown.push(Unknown {
+                parameters: names.to_vec(),
+                because: format!(
+                    "of the mode at {:.3} Hz {one}, {other}: were points smoothed, or cut off?",
+                    frequency.value
+                ),
+            });
+        }
         parameters.push((names[0], frequency));
         parameters.push((names[1], damping));
     }
-    merged(&parameters, &mut unknown);
+    merged(record, model, &parameters, &mut unknown);
     (parameters, unknown)
 }
 
-/// Modes that lie within each other's width are one peak of another shape: two that nearly cancel make any.
-fn merged(parameters: &[(&'static str, Known)], unknown: &mut Vec<Unknown>) {
+/// Modes that lie within each other's width, or that overlap and have one peak, are one peak of another shape: two that nearly cancel make
+/// any, and so do two beside each other.
+fn merged(
+    record: &Record,
+    model: (&[f64], &[f64]),
+    parameters: &[(&'static str, Known)],
+    unknown: &mut Vec<Unknown>,
+) {
     /// Of the narrower one's half width.
     const WITHIN: f64 = 0.5;
+    let mut overlap = false;
     for pair in parameters.windows(4).step_by(2) {
         let [(f1, one), (z1, a), (f2, two), (z2, b)] = pair else {
             continue;
         };
-        let width = (one.value * a.value).min(two.value * b.value);
-        if two.value - one.value < WITHIN * width {
+        let widths = [one.value * a.value, two.value * b.value];
+        let apart = two.value - one.value;
+        let places = [(one.value, widths[0]), (two.value, widths[1])];
+        let overlapped = std::mem::replace(&mut overlap, apart < widths[0] + widths[1]);
+        // Of three in a row the middle one has no peak of its own.
+        let one_peak = || overlap && (overlapped || alike::one_peak(record, model, places));
+        if apart < WITHIN * widths[0].min(widths[1]) || one_peak() {
             unknown.push(Unknown {
                 parameters: vec![f1, z1, f2, z2],
                 because: format!(
@@ -282,6 +314,9 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
     let coded = without_idle_modes(record, coded);
     let modes = record.modes(&coded);
     rows::of_one(record, &coded)?;
+    if modes == MODES {
+        alike::few_enough(record, &coded, WORTH)?;
+    }
     let solution = uncertainty_of_points(|c| record.residuals(c), &coded)
         .ok_or_else(|| Unknown::all("its modes depend on each other"))?;
     let (values, _) = record
@@ -293,7 +328,14 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
     let prediction = (0..n)
         .map(|i| Complex::new(product[i], product[n + i]) / record.weight[i].max(1e-300))
         .collect();
-    let (mut parameters, mut unknown) = stated_modes(record, &coded, modes, &solution);
+    let sides = alike::sides(record, &coded);
+    let (mut parameters, mut unknown) = stated_modes(
+        record,
+        &coded,
+        &solution,
+        sides.as_deref(),
+        (&coded, &values),
+    );
     let top = TAU * record.highest();
     let delay = Known {
         value: coded[2 * modes] / top,
@@ -443,7 +485,7 @@ fn doubt(
                 frequency.value
             ),
         });
-    } else if damping.std_correlated > 0.5 * damping.value {
+    } else if damping.std_correlated > damping.value / 3.0 {
         unknown.push(Unknown {
             parameters: vec![names[1]],
             because: format!(

@@ -37,6 +37,8 @@ pub struct Record {
     /// Real poles that stand behind the delay in what is searched, and most of them.
     pub(super) poles: usize,
     pub(super) most_poles: usize,
+    /// How much counts what is left along each point's response and across it; real and imaginary parts, alike, if none.
+    pub(super) lean: Option<[f64; 2]>,
 }
 
 /// Some of many points: half of those that are kept lie evenly, the others where the response changes most, for a narrow peak
@@ -142,6 +144,7 @@ impl Record {
             phased: true,
             poles: 0,
             most_poles: POLES,
+            lean: None,
         })
     }
 
@@ -199,6 +202,7 @@ impl Record {
             phased: self.phased,
             poles: self.poles,
             most_poles: self.most_poles,
+            lean: self.lean,
         }
     }
 
@@ -267,7 +271,7 @@ impl Record {
             let w = TAU * self.frequency[i];
             let turn = Complex::from_polar(self.weight[i], -w * tau);
             let mut set = |j: usize, value: Complex<f64>| {
-                let value = turn * value;
+                let value = self.leaning(i, turn * value);
                 x[(i, j)] = value.re;
                 x[(n + i, j)] = value.im;
             };
@@ -290,8 +294,20 @@ impl Record {
         x
     }
 
+    /// What belongs to a point, turned to its response and weighed by what is along it and across.
+    fn leaning(&self, i: usize, value: Complex<f64>) -> Complex<f64> {
+        let Some([along, across]) = self.lean else {
+            return value;
+        };
+        let turned = value * Complex::from_polar(1.0, -self.response[i].arg());
+        Complex::new(along * turned.re, across * turned.im)
+    }
+
     pub(super) fn target(&self) -> Vec<f64> {
-        let weighted = || self.response.iter().zip(&self.weight).map(|(h, w)| h * *w);
+        let weighted = || {
+            let all = self.response.iter().zip(&self.weight).enumerate();
+            all.map(|(i, (h, w))| self.leaning(i, h * *w))
+        };
         weighted()
             .map(|h| h.re)
             .chain(weighted().map(|h| h.im))

@@ -10,7 +10,7 @@ pub(super) fn squares(residuals: &[f64]) -> f64 {
 }
 
 /// Adds a mode where it helps most, and lets all of them settle.
-fn extend(record: &Record, coded: &[f64]) -> Option<Vec<f64>> {
+pub(super) fn extend(record: &Record, coded: &[f64]) -> Option<Vec<f64>> {
     const PLACES: usize = 50;
     let (low, high) = (record.frequency[0], record.highest());
     let n = record.frequency.len();

@@ -113,7 +113,7 @@ fn differences(values: &[f64]) -> Vec<f64> {
 }
 
 /// Names of the symmetric law's parameters, each with those of the asymmetric one.
-const NAMES: [&[&str]; 3] = [
+pub(super) const NAMES: [&[&str]; 3] = [
     &["inertia"],
     &[
         "viscous_friction",

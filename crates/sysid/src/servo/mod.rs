@@ -17,12 +17,14 @@ mod bent;
 mod check;
 mod clipped;
 mod controller;
+mod doubtful;
 mod equations;
 mod motion;
 mod other;
 mod replay;
 mod skew;
 mod sliding;
+mod smoothed;
 mod variants;
 
 pub use controller::Controller;
@@ -441,6 +443,10 @@ pub fn identify(
         ));
     }
     let (set, moved) = &quiet(record, set, &mut remarks);
+    let record = &*doubtful::without(record, Some(moved), set, &mut remarks)?;
+    let second = second
+        .map(|r| doubtful::without(&r, None, set, &mut Vec::new()).map(Cow::into_owned))
+        .transpose()?;
     let set = &Settings {
         settle: equations::unsettled(&moved.equations(record, set)),
         ..*set
@@ -457,7 +463,7 @@ pub fn identify(
     remarks.extend(skew.remark(record.even.period));
     let set = &skew.settings(set);
     let (stamped, record) = (record, &skew.taken_out(record));
-    let second = second.as_deref().map(|r| skew.taken_out(r));
+    let second = second.as_ref().map(|r| skew.taken_out(r));
     let mut columns = moved.equations(record, set);
     enough(&columns, record)?;
     let with_place = set.place.map(|_| moved.equations(record, raw));
@@ -492,6 +498,7 @@ pub fn identify(
     }
     of_place.widen(&mut variants);
     bent::bent(&columns, cut, &mut variants, &mut unknown, &mut remarks);
+    smoothed::smoothed(&columns, &mut variants, &mut unknown, &mut remarks);
     let first = &variants[0];
     check::uncertain(first, &columns, &mut unknown);
     check::robustly(&mut variants, &mut unknown);
@@ -509,14 +516,7 @@ pub fn identify(
         .iter()
         .position(|v| error(v) <= AS_GOOD * least)
         .unwrap_or(0);
-    // Where even the model that generalises best tells a part of the record by nothing that the rest says, the axis, a
-    // gain or a unit was another there.
-    if least.is_finite() && least > UNEXPLAINED {
-        return Err(Unknown::all(format!(
-            "what one part of it says leaves {least:.0} % of the force of another unexplained: did a gain, a unit, a load \
-             or the axis change within it?"
-        )));
-    }
+    throughout(least)?;
     Ok(Identified {
         variants,
         unknown,
@@ -529,6 +529,18 @@ pub fn identify(
         skew: skew.at_start * record.even.period,
         columns,
     })
+}
+
+/// That even the model that generalises best tells a part of the record by what the rest says: else the axis, a gain or a unit was another
+/// there. `least` is what it leaves of that part, per cent of the force.
+fn throughout(least: f64) -> Result<(), Unknown> {
+    if !least.is_finite() || least <= UNEXPLAINED {
+        return Ok(());
+    }
+    Err(Unknown::all(format!(
+        "what one part of it says leaves {least:.0} % of the force of another unexplained: did a gain, a unit, a load or the axis \
+         change within it?"
+    )))
 }
 
 /// A delay that the record shows is a part of the answer: one without it is off by as much.
