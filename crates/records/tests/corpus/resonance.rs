@@ -172,7 +172,8 @@ const CASES: &[(&str, Wanted, Mangle)] = &[
         Wanted::Either,
         |rows, _| {
             for part in [1, 2] {
-                let means = means(rows.iter().map(|r| r[part]).collect(), 15);
+                let all: Vec<f64> = rows.iter().map(|r| r[part]).collect();
+                let means = means(&all, 15);
                 rows.iter_mut().zip(means).for_each(|(r, m)| r[part] = m);
             }
         },
@@ -180,7 +181,7 @@ const CASES: &[(&str, Wanted, Mangle)] = &[
 ];
 
 /// Means over an odd number of values about each.
-fn means(old: Vec<f64>, over: usize) -> Vec<f64> {
+fn means(old: &[f64], over: usize) -> Vec<f64> {
     let near = |k: usize| &old[k.saturating_sub(over / 2)..(k + over / 2 + 1).min(old.len())];
     let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
     (0..old.len()).map(|k| mean(near(k))).collect()
@@ -199,10 +200,10 @@ fn smoothed(rows: &mut Rows, over: usize, magnitude: bool, phase: bool) {
         phases.push(angle + turn);
     }
     if magnitude {
-        sizes = means(sizes, over);
+        sizes = means(&sizes, over);
     }
     if phase {
-        phases = means(phases, over);
+        phases = means(&phases, over);
     }
     for (row, (size, phase)) in rows.iter_mut().zip(sizes.iter().zip(&phases)) {
         (row[1], row[2]) = (size.exp() * phase.cos(), size.exp() * phase.sin());
