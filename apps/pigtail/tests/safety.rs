@@ -223,6 +223,22 @@ fn a_piezo_that_breaks_in_the_last_moments_of_a_bond_is_not_believed() {
     assert!(aligned > 0 && slipped > 0, "{aligned} {slipped}");
 }
 
+/// A photodiode that hums sees a peak somewhere in each turn. While circles corrected what they saw before they asked whether it was in their
+/// middle, one was followed to 95 um beside its port, where the facet stands out, and into the chip.
+#[test]
+fn a_hum_is_not_followed_into_the_chip() {
+    let runs = TempDir::new().expect("a folder");
+    let drawn = ["--fleet", "workshop", "--seed", "53000226"];
+    let fault = ["--fault", "photodiode-hum:output1:100mV@1.598s"];
+    let arguments = [&["align", "--json", "--no-record"][..], &drawn, &fault].concat();
+    let (_, out, _) = pigtail(runs.path(), &arguments);
+    let document = json(&out);
+    assert_eq!(document["collision"], false, "{document}");
+    for fiber in document["fibers"].as_array().expect("fibers") {
+        assert_ne!(fiber["within_tolerance"], false, "{fiber}");
+    }
+}
+
 /// At the end of its voltage a piezo no longer moves its fiber, and light that does not change looks
 /// like a peak: where the model says it ends it is out of reach, and not where the datasheet does.
 #[test]
