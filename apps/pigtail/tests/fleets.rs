@@ -117,16 +117,20 @@ fn a_stage_that_stands_askew_is_measured_and_not_stopped() {
     assert!(yaw[0].as_f64().is_some_and(|yaw| yaw.abs() > 0.3), "{json}");
 }
 
+/// A machine of `workshop`, commissioned, and so many devices on it.
+fn commissioned(seed: &str, devices: &str) -> (serde_json::Value, i32) {
+    let folder = TempDir::new().expect("a folder");
+    let drawn = ["--fleet", "workshop", "--seed", seed, "--machines", "1"];
+    let campaign = ["campaign", "--devices", devices, "--commissioned"];
+    answer(folder.path(), &[&campaign[..], &drawn].concat())
+}
+
 /// A fiber whose macro goes 25 um aside before an inclined facet, with its micro as far back: what the piezos keep to themselves of that looked like a
 /// way towards where the facet stands out, and the guard stopped it 21 um before the chip.
 #[test]
 #[ignore = "long: a machine commissioned"]
 fn a_macro_that_goes_aside_before_an_inclined_facet_is_not_stopped() {
-    let folder = TempDir::new().expect("a folder");
-    let drawn = ["--fleet", "workshop", "--seed", "117021", "--machines", "1"];
-    let mut arguments = vec!["campaign", "--devices", "3", "--commissioned"];
-    arguments.extend(drawn);
-    let (json, code) = answer(folder.path(), &arguments);
+    let (json, code) = commissioned("117021", "3");
     assert_eq!((code, &json["aligned"]), (0, &9.into()), "{json}");
 }
 
@@ -135,11 +139,7 @@ fn a_macro_that_goes_aside_before_an_inclined_facet_is_not_stopped() {
 #[test]
 #[ignore = "long: a machine commissioned"]
 fn a_fiber_at_the_edge_of_where_light_may_be_is_not_stopped_on_its_circle() {
-    let folder = TempDir::new().expect("a folder");
-    let drawn = ["--fleet", "workshop", "--seed", "128012", "--machines", "1"];
-    let mut arguments = vec!["campaign", "--devices", "3", "--commissioned"];
-    arguments.extend(drawn);
-    let (json, code) = answer(folder.path(), &arguments);
+    let (json, code) = commissioned("128012", "3");
     assert_eq!((code, &json["aligned"]), (0, &9.into()), "{json}");
 }
 
@@ -149,11 +149,7 @@ fn a_fiber_at_the_edge_of_where_light_may_be_is_not_stopped_on_its_circle() {
 #[test]
 #[ignore = "long: a machine commissioned"]
 fn the_background_is_looked_at_beside_the_spot_and_at_rest() {
-    let folder = TempDir::new().expect("a folder");
-    let drawn = ["--fleet", "workshop", "--seed", "130156", "--machines", "1"];
-    let mut arguments = vec!["campaign", "--devices", "2", "--commissioned"];
-    arguments.extend(drawn);
-    let (json, code) = answer(folder.path(), &arguments);
+    let (json, code) = commissioned("130156", "2");
     assert_eq!((code, &json["aligned"]), (0, &6.into()), "{json}");
     let off = number(&json["offset_um"], "z_max");
     assert!(off < 1.0, "{off}");
@@ -164,11 +160,7 @@ fn the_background_is_looked_at_beside_the_spot_and_at_rest() {
 #[test]
 #[ignore = "long: a machine commissioned"]
 fn a_circle_that_is_larger_than_told_learns_it() {
-    let folder = TempDir::new().expect("a folder");
-    let drawn = ["--fleet", "workshop", "--seed", "130115", "--machines", "1"];
-    let mut arguments = vec!["campaign", "--devices", "3", "--commissioned"];
-    arguments.extend(drawn);
-    let (json, code) = answer(folder.path(), &arguments);
+    let (json, code) = commissioned("130115", "3");
     assert_eq!((code, &json["aligned"]), (0, &9.into()), "{json}");
     assert_eq!(json["false_aligned"], 0);
 }

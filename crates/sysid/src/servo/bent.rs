@@ -184,19 +184,21 @@ pub(super) fn bent(
                 ),
             });
         }
-        for variant in variants.iter_mut() {
-            let own = match variant.friction {
-                Friction::Symmetric => &names[..1],
-                Friction::Asymmetric => *names,
-            };
-            for parameter in &mut variant.parameters {
-                if let Some(known) = parameter
-                    .known
-                    .as_mut()
-                    .filter(|_| own.contains(&parameter.name))
-                {
-                    known.std_correlated = known.std_correlated.hypot(off);
-                }
+        less_sure(variants, names, off);
+    }
+}
+
+/// Parameters of these names, of which the first is that of symmetric friction, may be so far off.
+pub(super) fn less_sure(variants: &mut [Variant], names: &[&str], off: f64) {
+    for variant in variants {
+        let own = match variant.friction {
+            Friction::Symmetric => &names[..1],
+            Friction::Asymmetric => names,
+        };
+        let all = variant.parameters.iter_mut();
+        for parameter in all.filter(|p| own.contains(&p.name)) {
+            if let Some(known) = &mut parameter.known {
+                known.std_correlated = known.std_correlated.hypot(off);
             }
         }
     }

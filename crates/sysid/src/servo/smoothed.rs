@@ -5,9 +5,9 @@
 //! ourselves, is told by the columns as they are, where otherwise it is told by columns smoothed by ourselves as well. Noise of a voltage
 //! is the same in both.
 
-use super::bent::NAMES;
+use super::bent::{NAMES, less_sure};
 use super::other::{SURELY, differs, symmetric};
-use super::{Equations, Friction, LATE, LEAST_EQUATIONS, Unknown, Variant};
+use super::{Equations, LATE, LEAST_EQUATIONS, Unknown, Variant};
 use nalgebra::DMatrix;
 use pigtail_numerics::regression::{Solution, least_squares, least_squares_alone};
 use pigtail_numerics::signal::quantile;
@@ -88,21 +88,7 @@ pub(super) fn smoothed(
         let off = may_be()
             .map(|f| (plain.values[j] - f.solution.values[j]).abs())
             .fold(0.0, f64::max);
-        for variant in variants.iter_mut() {
-            let own = match variant.friction {
-                Friction::Symmetric => &names[..1],
-                Friction::Asymmetric => *names,
-            };
-            for parameter in &mut variant.parameters {
-                if let Some(known) = parameter
-                    .known
-                    .as_mut()
-                    .filter(|_| own.contains(&parameter.name))
-                {
-                    known.std_correlated = known.std_correlated.hypot(off);
-                }
-            }
-        }
+        less_sure(variants, names, off);
     }
 }
 
