@@ -119,6 +119,7 @@ impl Shared<'_> {
         let (mut widths, mut latest) = (Vec::new(), None);
         for looks in quick.iter().chain(&WHOLE) {
             let one = looks.wider.len() == 1;
+            let (before_it, mut stays) = (widths.len(), true);
             for share in looks.wider {
                 let gap = beam.gap_of(*share);
                 // From one gap to the chip it is not far: the micro's middle lies between both. The macro goes aside far away from the
@@ -141,7 +142,7 @@ impl Shared<'_> {
                     }
                 }
                 if share == &looks.wider[0] {
-                    beside(job, cell, aim, scan).await?;
+                    stays = beside(job, cell, aim, scan).await?;
                 }
                 widths.extend(width(cell, aim, scan, looks.share).await?);
             }
@@ -150,7 +151,13 @@ impl Shared<'_> {
                 to_middle(cell, aim, scan, here).await?;
             }
             widths.extend(width(cell, aim, scan, looks.share_here).await?);
-            let contact = touching(cell, aim, &widths, (scan, spread));
+            let contact = if stays {
+                touching(cell, aim, &widths, (scan, spread))
+            } else {
+                // Nobody knows how much of their light was not the spot's.
+                widths.truncate(before_it);
+                None
+            };
             if looks.wider.len() > 1 {
                 job.spread = contact.map(|contact| contact.spread).or(job.spread);
             }
@@ -488,13 +495,14 @@ async fn lead(cell: &AlignmentCell<'_>, aim: &Aim, scan: &mut ConicalScan<'_>) -
 }
 
 /// Looks beside the spot what there is without it: where a search began in its light that was taken for the background, and a hundredth of
-/// the light that is missing everywhere makes the spot narrower by as much as half a micrometre of gap does.
+/// the light that is missing everywhere makes the spot narrower by as much as half a micrometre of gap does. Whether the spot stayed where it
+/// was meanwhile: where it did not at any look, what was seen is no background.
 async fn beside(
     job: &Job<'_>,
     cell: &AlignmentCell<'_>,
     aim: &Aim,
     scan: &mut ConicalScan<'_>,
-) -> Result<(), Halt> {
+) -> Result<bool, Halt> {
     for _ in 0..TUNING.gap.beside_again {
         centred(cell, aim, scan).await?;
         let gap = aim.gap(cell);
@@ -519,10 +527,10 @@ async fn beside(
         // Where a macro still brings out what its transmission hid, the spot was not where it was believed to be, nor was this beside it.
         centred(cell, aim, scan).await?;
         if (scan.place(gap) - spot).norm() < TUNING.gap.beside_moved * width {
-            break;
+            return Ok(true);
         }
     }
-    Ok(())
+    Ok(false)
 }
 
 /// The light where the micro is, once it is at rest there.
