@@ -239,6 +239,29 @@ fn a_hum_is_not_followed_into_the_chip() {
     }
 }
 
+/// An encoder that stops counting while its axis is on its way has the servo push on: a joint went hundreds of micrometres across before a
+/// fiber near the chip, to where the facet stands out, a z-stage four into it, before outputs were as far from their motors as transmissions
+/// may hide. An output that goes on without its motor tells it at once.
+#[test]
+fn an_encoder_that_sticks_on_the_way_drives_nothing_into_the_chip() {
+    let runs = TempDir::new().expect("a folder");
+    for (seed, fault) in [
+        ("76002462", "encoder-stuck:left.a@2.768s"),
+        ("76005864", "encoder-stuck:left.a@1.459s"),
+        ("76007481", "encoder-stuck:left.a@1.388s"),
+        ("78001490", "encoder-stuck:left.z@2.909s"),
+        ("78003298", "encoder-stuck:left.z@1.81s"),
+    ] {
+        let drawn = ["--fleet", "workshop", "--seed", seed, "--fault", fault];
+        let arguments = [&["align", "--json", "--no-record"][..], &drawn].concat();
+        let (_, out, _) = pigtail(runs.path(), &arguments);
+        let document = json(&out);
+        let fiber = &document["fibers"][0];
+        assert_eq!(fiber["outcome"], "fault", "{seed}: {document}");
+        assert_eq!(document["collision"], false, "{seed}: {document}");
+    }
+}
+
 /// At the end of its voltage a piezo no longer moves its fiber, and light that does not change looks
 /// like a peak: where the model says it ends it is out of reach, and not where the datasheet does.
 #[test]

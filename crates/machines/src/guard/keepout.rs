@@ -55,6 +55,8 @@ struct Belief {
     z: f64,
     /// How little that is known, square metres.
     z_variance: f64,
+    /// How far ahead of its motor the output of its z-stage was in the same frames, metres.
+    ahead: f64,
     /// Where it would stand by encoders alone when it was last seen, metres.
     stood: Point<Chip>,
     /// Where its holder stood then.
@@ -114,6 +116,8 @@ pub(super) struct Stand {
     pub(super) endpoint: Point<Macro>,
     /// Angles of its five-bar's outputs by their probes, radians, where the rig has them.
     probed: Option<[f64; 2]>,
+    /// How far ahead of where its motor has it the z-stage is by its probe, towards the chip, metres; nothing on a rig without.
+    pub(super) ahead: f64,
     /// The whole way that it has gone in x and in y, to and fro, metres.
     gone: [f64; 2],
     /// What its micro was told to add to that.
@@ -163,6 +167,11 @@ pub(super) struct Keepout {
     holder: HolderSpec,
     /// By what deceleration a z-stage can be stopped, metres a second squared.
     brake: f64,
+    /// The same of an endpoint across, which brakes by itself.
+    brake_across: f64,
+    /// Where the holders' fibers were in x of late by the outputs, or by the encoders where nothing sees those, without their micros, metres; the oldest
+    /// first.
+    crossed: [Option<[f64; WHILE + 1]>; SIDES],
     /// Cycles that a piezo takes to come to where it was told to be.
     settle: usize,
     /// The square of the share of a way that a piezo may still be off, from now on every [`EVERY`] cycles.
@@ -207,6 +216,7 @@ impl Keepout {
             time: 0.0,
             endpoint: home,
             probed: None,
+            ahead: 0.0,
             gone: [0.0; 2],
             micro: Displacement::ZERO,
             tip: geometry.arms[side].placement.chip_from_macro(home),
@@ -239,6 +249,8 @@ impl Keepout {
             scale: spec.guard.scale,
             holder: spec.holder,
             brake: GuardSpec::BRAKES * spec.z_stage.acceleration,
+            brake_across: spec.five_bar.acceleration,
+            crossed: [None; SIDES],
             settle,
             late,
             recent: vec![stands; cycles],
@@ -263,6 +275,7 @@ impl Keepout {
     /// Nothing that was before says anything of what comes: the machine has gone on unwatched.
     pub(super) fn forget(&mut self) {
         (self.sensing, self.fibers, self.led) = (None, [None; SIDES], [None; SIDES]);
+        self.crossed = [None; SIDES];
         self.anew = true;
     }
 
@@ -275,7 +288,7 @@ impl Keepout {
     pub(super) fn change_fiber(&mut self, side: Side, held: bool, time: f64) {
         let i = side.index();
         (self.held[i], self.fibers[i], self.since[i]) = (held, None, time);
-        self.led[i] = None;
+        (self.led[i], self.crossed[i]) = (None, None);
     }
 
     /// Another chip is there from `time` on.
@@ -417,6 +430,7 @@ impl Keepout {
                 time: measured.time,
                 endpoint,
                 probed: probes.map(|probes| [0, 1].map(|k| probes[i][k] / self.arm)),
+                ahead: probes.map_or(0.0, |probes| probes[i][Axis::Z.index()] - endpoint.z),
                 gone,
                 micro: added,
                 tip,
@@ -491,6 +505,7 @@ impl Keepout {
             return Ok(Belief {
                 z: seen[1],
                 z_variance: noise,
+                ahead: holder.ahead,
                 stood,
                 holder,
                 x: seen[0],
@@ -537,6 +552,7 @@ impl Keepout {
         Ok(Belief {
             z: before.z + share * by,
             z_variance: ((1.0 - share) * variance).max(FORGETS * fix.sigma * fix.sigma),
+            ahead: before.ahead + share * (holder.ahead - before.ahead),
             stood,
             ..across
         })
@@ -550,9 +566,9 @@ impl Keepout {
         Some(arm.placement.chip_from_macro(at).x)
     }
 
-    /// The same of where a manipulator stands now, if it matters: where a tip of it has been seen.
+    /// The same of where a manipulator stands now, if it matters: where a tip of it has been seen. And of its holder, the micro apart.
     #[inline(always)]
-    fn probed_x_now(&mut self, side: Side) -> Option<f64> {
+    fn probed_x_now(&mut self, side: Side) -> Option<(f64, f64)> {
         let i = side.index();
         let sensing = side == Side::Right && self.sensing.is_some();
         if !self.held[i] && !sensing {
@@ -561,8 +577,21 @@ impl Keepout {
         let stand = &self.recent[self.at][i];
         let arm = &self.geometry.arms[i];
         let (x, y) = self.probed[i].of(arm, stand.probed?).ok()?;
-        let at = Point::new(x, y, stand.endpoint.z).moved(stand.micro);
-        Some(arm.placement.chip_from_macro(at).x)
+        let holder = Point::new(x, y, stand.endpoint.z);
+        let x_of = |at| arm.placement.chip_from_macro(at).x;
+        Some((x_of(holder.moved(stand.micro)), x_of(holder)))
+    }
+
+    /// By how much less far an inclined facet would be from a tip that goes across, were it stopped now, metres. The holder is in `x` now, metres, the
+    /// micro apart: that goes nowhere when all stops.
+    #[inline(always)]
+    fn comes_nearer_across(&mut self, side: usize, x: f64) -> f64 {
+        let crossed = self.crossed[side].get_or_insert([x; WHILE + 1]);
+        crossed.rotate_left(1);
+        crossed[WHILE] = x;
+        let speed = (x - crossed[0]) * self.rate / WHILE as f64;
+        let way = GuardSpec::REACTION / self.rate + 0.5 * speed.abs() / self.brake_across;
+        (speed * way * self.geometry.facets[side].stands_out).max(0.0)
     }
 
     /// What transmissions and piezos may have kept to themselves of the way between two stands, in x,
@@ -594,10 +623,11 @@ impl Keepout {
             clearance: f64::INFINITY,
         };
         // One by one: a closure may be left a call, which gets none of its caller's instructions.
-        let probed = [
+        let outputs = [
             self.probed_x_now(Side::Left),
             self.probed_x_now(Side::Right),
         ];
+        let probed = outputs.map(|xs| xs.map(|(tip, _)| tip));
         for side in Side::ALL {
             let i = side.index();
             // Towards the chip is forward in either manipulator's frame. A loop that swings is as fast as it is at this
@@ -607,11 +637,18 @@ impl Keepout {
                 along * self.rate / WHILE as f64,
                 at_once * self.rate / AT_ONCE as f64,
             );
-            let speed = on_average.max(now).max(0.0);
+            // And one whose encoder is stuck as fast as its output.
+            let ahead = self.stand(i, 0).ahead - self.stand(i, AT_ONCE).ahead;
+            let output = now + ahead * self.rate / AT_ONCE as f64;
+            let speed = on_average.max(now).max(output).max(0.0);
             let stop = if speed > 0.0 {
                 speed * GuardSpec::REACTION / self.rate + 0.5 * speed * speed / self.brake
             } else {
                 0.0
+            };
+            let across = match outputs[i] {
+                Some((_, holder)) => self.comes_nearer_across(i, holder),
+                None => 0.0,
             };
             let facet = &self.geometry.facets[i];
             let carried = if self.held[i] {
@@ -656,7 +693,7 @@ impl Keepout {
                 None
             };
             for (what, clearance) in std::iter::once(carried).chain(beside) {
-                let clearance = clearance - stop;
+                let clearance = clearance - stop - across;
                 if clearance < nearest.clearance {
                     nearest = Near { what, clearance };
                 }
@@ -716,8 +753,10 @@ impl Keepout {
             Tip::Fiber(_) => facet.gap_in_light(x, z, aside + beside),
             Tip::Sensing => None,
         };
+        // What vision saw was the output's: where that is farther ahead than it was then, the motor does not tell how near it is.
+        let ahead = (now.ahead - belief.ahead).max(0.0);
         Distance {
-            clearance: in_light.unwrap_or_else(|| facet.clearance(x, z, aside)) - unsure,
+            clearance: in_light.unwrap_or_else(|| facet.clearance(x, z, aside)) - unsure - ahead,
             in_light: in_light.is_some(),
         }
     }

@@ -30,6 +30,10 @@ struct Way {
     trusted: bool,
     /// Encoder of late, metres; the oldest first.
     places: [f64; SEEN + 1],
+    /// How far ahead of that its output was by its probe, metres.
+    ahead: [f64; SEEN + 1],
+    /// A count of the encoder, metres.
+    count: f64,
     /// Speed that is wanted now, metres a second, forward is towards the chip.
     wanted: f64,
     integral: f64,
@@ -63,6 +67,8 @@ impl<M: Machine> Guard<M> {
             Way {
                 trusted: fault.axis != format!("{}.z", Side::ALL[i].name()),
                 places: std::array::from_fn(|k| at - way + way * k as f64 / SEEN as f64),
+                ahead: std::array::from_fn(|k| self.keepout.stand(i, SEEN - k).ahead),
+                count: scale,
                 wanted: now.clamp(-speed, speed),
                 integral: 0.0,
                 from: at,
@@ -98,10 +104,14 @@ impl<M: Machine> Guard<M> {
             }
             match self.machine.exchange(&command) {
                 Ok(measured) => {
-                    for (way, encoders) in ways.iter_mut().zip(&measured.encoders) {
-                        let Counts(at) = encoders[Axis::Z.index()];
+                    for (i, way) in ways.iter_mut().enumerate() {
+                        let z = Axis::Z.index();
+                        let Counts(at) = measured.encoders[i][z];
+                        let at = at as f64 * scale;
                         way.places.rotate_left(1);
-                        way.places[SEEN] = at as f64 * scale;
+                        way.places[SEEN] = at;
+                        way.ahead.rotate_left(1);
+                        way.ahead[SEEN] = measured.probes.map_or(0.0, |probes| probes[i][z] - at);
                     }
                 }
                 Err(_) => return,
@@ -130,7 +140,9 @@ impl Way {
         let error = (self.wanted - now) / speed;
         self.integral = (self.integral + error * period / INTEGRAL).clamp(-1.0, 1.0);
         let share = GAIN * (error + self.integral);
-        Some(if now > 0.0 {
+        // One whose encoder is stuck goes on though by that it stands.
+        let output = self.places[SEEN] - self.places[0] + self.ahead[SEEN] - self.ahead[0];
+        Some(if now > 0.0 || output > self.count {
             // Towards the chip nothing is to be gentle with: it is driven back until it no longer goes there.
             -MOST
         } else if now < 0.0 {
