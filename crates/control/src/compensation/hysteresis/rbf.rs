@@ -4,7 +4,7 @@
 use super::spectrum::Spectrum;
 use super::turns::{Everett, Turns};
 use super::{Invalid, Range, Record, Swing};
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use std::sync::{Arc, OnceLock};
 
@@ -34,8 +34,13 @@ pub struct Network {
 pub type Sample = ([f64; 2], f64);
 
 /// What a network's weights cost beside its errors, as a share of what the data say of a weight:
-/// enough to tame those about which they say nothing.
-pub const RIDGE: f64 = 1e-9;
+/// enough to tame those about which they say nothing. A thousand times as much keeps wide functions, which work by what is left of great weights,
+/// from telling a smooth way: it goes by waves then, which are small in displacement and a third of how far a small loop is open.
+pub const RIDGE: f64 = 1e-13;
+
+/// By how much a network may err more than with the best width, of samples that were kept back, for the sake of wider functions: they are smoother, and what
+/// a small loop does is the curvature of them, of which an error in displacement says little.
+const AS_GOOD: f64 = 1.05;
 
 impl Network {
     /// A network of zero weights.
@@ -158,16 +163,27 @@ impl Network {
     /// a weight beside that of the mean sample.
     pub fn train(&mut self, samples: &[Sample], ridge: f64) {
         let n = self.centres.len();
-        let mut design = DMatrix::zeros(n, samples.len());
-        for (column, (at, _)) in design.as_mut_slice().chunks_exact_mut(n).zip(samples) {
-            self.fill_basis(*at, column);
+        let mut basis = vec![0.0; n];
+        let mut design = DMatrix::zeros(samples.len() + n, n);
+        for (row, (at, _)) in samples.iter().enumerate() {
+            self.fill_basis(*at, &mut basis);
+            for (to, value) in design.row_mut(row).iter_mut().zip(&basis) {
+                *to = *value;
+            }
         }
-        let wanted = DVector::from_iterator(samples.len(), samples.iter().map(|s| s.1));
-        let normal =
-            &design * design.transpose() + DMatrix::identity(n, n) * (ridge * samples.len() as f64);
-        let right = &design * wanted;
-        // With a ridge above zero the matrix is positive definite.
-        if let Some(solved) = Cholesky::new(normal).map(|c| c.solve(&right)) {
+        let cost = (ridge * samples.len() as f64).sqrt();
+        for weight in 0..n {
+            design[(samples.len() + weight, weight)] = cost;
+        }
+        let mut wanted = DVector::zeros(samples.len() + n);
+        for (to, sample) in wanted.iter_mut().zip(samples) {
+            *to = sample.1;
+        }
+        // By QR, for normal equations square what is nearly singular.
+        let qr = design.qr();
+        qr.q_tr_mul(&mut wanted);
+        // With a ridge above zero no column is one of the others.
+        if let Some(solved) = qr.r().solve_upper_triangular(&wanted.rows(0, n)) {
             self.weights.copy_from_slice(solved.as_slice());
         }
     }
@@ -181,7 +197,7 @@ impl Network {
         (squares / samples.len() as f64).sqrt()
     }
 
-    /// A network on [`Self::lattice`] whose width makes the error least, trained with `samples`.
+    /// A network on [`Self::lattice`], trained with `samples`, of the greatest width with which the error is hardly more than the least.
     fn tuned(spacing: f64, samples: &[Sample]) -> Self {
         let trained = |width: f64, samples: &[Sample]| {
             let centres = Self::lattice(spacing);
@@ -200,16 +216,19 @@ impl Network {
         };
         let (fitted, kept) = (part(0), part(1));
         let rule = Self::rule(spacing);
-        let mut best = (f64::INFINITY, rule);
         // Ways are smooth: the best width may be more than twice that of the rule.
-        for k in 0..10 {
-            let width = rule * (0.7 + 0.2 * f64::from(k));
-            let error = trained(width, &fitted).error(&kept);
-            if error < best.0 {
-                best = (error, width);
-            }
-        }
-        trained(best.1, samples)
+        let tried: Vec<(f64, f64)> = (0..14)
+            .map(|k| {
+                let width = rule * (0.7 + 0.2 * f64::from(k));
+                (trained(width, &fitted).error(&kept), width)
+            })
+            .collect();
+        let least = tried
+            .iter()
+            .fold(f64::INFINITY, |l, (error, _)| l.min(*error));
+        let as_good = |(error, _): &&(f64, f64)| *error <= AS_GOOD * least;
+        let widest = tried.iter().rev().find(as_good);
+        trained(widest.map_or(rule, |(_, width)| *width), samples)
     }
 }
 
