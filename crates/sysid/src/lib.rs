@@ -33,6 +33,7 @@ pub mod map;
 pub mod outliers;
 pub mod resonance;
 pub mod servo;
+mod steady;
 pub mod timeline;
 pub mod windup;
 

@@ -315,9 +315,10 @@ fn no_mangled_record_of_a_servo_is_wrong_and_looks_right() {
 }
 
 /// A record that was taken anew at a lower rate has a voltage that nothing held from one row to the next, and few rows from one turn
-/// to the next. A voltage that was measured has noise that nothing moved by, in its differences too.
+/// to the next. A voltage that was measured has noise that nothing moved by, in its differences too. What is fast is less in a position
+/// that was smoothed, and a gain that drifts is another one in each part.
 #[test]
-fn a_record_that_was_thinned_or_measured_is_as_sure_as_it_says() {
+fn a_record_that_was_thinned_smoothed_or_drifts_is_as_sure_as_it_says() {
     let good = plain(4);
     let thinned = |(step, from): (usize, usize)| -> (String, Rows) {
         let rows = good.iter().copied().skip(from).step_by(step).collect();
@@ -334,6 +335,26 @@ fn a_record_that_was_thinned_or_measured_is_as_sure_as_it_says() {
     };
     let mut cases: Vec<(String, Rows)> = [0.1, 0.5, 2.0].map(noisy).into();
     cases.extend([(4, 1), (5, 0), (7, 3), (10, 0), (10, 5)].map(thinned));
+    // Positions that were smoothed, and a gain that drifts: by 3 % over the record, or at once.
+    let smoothed = |width: usize| -> (String, Rows) {
+        let mut rows = good.clone();
+        for (k, row) in rows.iter_mut().enumerate() {
+            let near = &good[k.saturating_sub(width / 2)..(k + width / 2 + 1).min(good.len())];
+            row[2] = near.iter().map(|r| r[2]).sum::<f64>() / near.len() as f64;
+        }
+        (format!("position over {width} rows"), rows)
+    };
+    cases.extend([9, 21, 31, 41].map(smoothed));
+    let gain = |(name, of): (&str, fn(f64) -> f64)| -> (String, Rows) {
+        let mut rows = good.clone();
+        let n = rows.len() as f64;
+        for (k, row) in rows.iter_mut().enumerate() {
+            row[3] *= 1.0 + 0.03 * of(k as f64 / n);
+        }
+        (format!("a gain that drifts {name}"), rows)
+    };
+    cases.push(gain(("evenly", |share| share)));
+    cases.push(gain(("at once", |share| share.round())));
     for (name, rows) in cases {
         let folder = tempfile::TempDir::new().expect("a folder");
         let path = folder.path().join("r.csv");

@@ -2,6 +2,7 @@
 
 use super::{Fitted, Record, turned};
 use crate::Unknown;
+use crate::steady::between;
 use pigtail_numerics::regression::{least_squares, matrix};
 
 /// Parts of a record that are held against each other, and reversals that each has at least.
@@ -21,7 +22,8 @@ struct Change {
     offset: f64,
 }
 
-fn change(record: &Record, fitted: &Fitted) -> Option<Change> {
+/// Of each part, times what the law tells of the force, and the offset beside it, shares of the level, each with its deviation.
+fn parts(record: &Record, fitted: &Fitted) -> Option<Vec<[(f64, f64); 2]>> {
     let samples = &record.samples;
     let told = fitted.law.predict(&fitted.values, samples);
     let [forward, backward] = fitted.law.sides(&fitted.values);
@@ -42,6 +44,34 @@ fn change(record: &Record, fitted: &Fitted) -> Option<Change> {
         let found = least_squares(&matrix(&[&own, &vec![1.0; own.len()]]), &force)?;
         parts.push([0, 1].map(|j| (found.values[j], found.std_correlated[j])));
     }
+    Some(parts)
+}
+
+/// Makes laws less sure by what parts of the record differ by beyond what they know: a force that is another one by some share is told by
+/// ways that may be so much off, too.
+pub(super) fn allow(laws: &mut [Fitted], record: &Record) {
+    for fitted in laws {
+        let Some(parts) = parts(record, fitted) else {
+            continue;
+        };
+        let [size, offset] = [0, 1].map(|j| {
+            let own: Vec<(f64, f64)> = parts.iter().map(|p| p[j]).collect();
+            between(&own)
+        });
+        let level = fitted.law.sides(&fitted.values)[0];
+        for (name, known) in fitted.law.parameters().iter().zip(&mut fitted.known) {
+            let by = if *name == "offset" {
+                offset * level
+            } else {
+                size * known.value
+            };
+            known.std_correlated = known.std_correlated.hypot(by);
+        }
+    }
+}
+
+fn change(record: &Record, fitted: &Fitted) -> Option<Change> {
+    let parts = parts(record, fitted)?;
     let apart = |j: usize| {
         let of = |p: &[(f64, f64); 2]| p[j];
         let by = |a: &(f64, f64), b: &(f64, f64)| a.0.total_cmp(&b.0);

@@ -8,6 +8,7 @@
 
 use super::elements::elements;
 use super::{Fitted, Record, residuals};
+use crate::steady::chi_squared;
 use pigtail_numerics::signal::independent;
 
 /// Shares of the stroke after which the shortest elements slip: how stiff a contact is at rest goes with what is not resolved, and
@@ -76,14 +77,6 @@ impl Told {
     fn more(&self, other: &Self) -> f64 {
         self.used.saturating_sub(other.used).max(1) as f64
     }
-}
-
-/// What a chi-squared of so many degrees of freedom exceeds once in ten thousand times (E. Wilson and M. Hilferty, *The
-/// distribution of chi-square*, 1931).
-fn chi_squared(freedom: f64) -> f64 {
-    const NORMAL: f64 = 3.719;
-    let part = 2.0 / (9.0 * freedom);
-    freedom * (1.0 - part + NORMAL * part.sqrt()).powi(3)
 }
 
 fn of_law(fitted: &Fitted, record: &Record) -> Told {

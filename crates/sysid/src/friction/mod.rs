@@ -13,6 +13,7 @@ mod skew;
 mod smooth;
 mod speeds;
 mod sure;
+mod tremble;
 
 pub use law::Law;
 pub use record::{Record, Sample};
@@ -144,6 +145,8 @@ pub fn identify(
     };
     misfit::allow(&mut laws, record);
     speeds::allow(&mut laws, record);
+    changes::allow(&mut laws, record);
+    tremble::allow(&mut laws, record);
     let chosen = &laws[best];
     if chosen.relative_error_percent > UNEXPLAINED {
         let mut because = format!(
@@ -246,6 +249,7 @@ mod tests {
             has_time: true,
             skew: 0.0,
             raw: None,
+            tremble: 0.0,
             remarks: Vec::new(),
         };
         let told = law.predict(parameters, &record.samples);

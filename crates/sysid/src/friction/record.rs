@@ -3,6 +3,7 @@
 use super::Unknown;
 use super::skew::{self, Skew};
 use super::smooth::smoothed;
+use super::tremble::tremble;
 use crate::timeline::counted;
 use pigtail_numerics::signal::quantile;
 
@@ -28,6 +29,8 @@ pub struct Record {
     pub(super) skew: f64,
     /// The samples before that, where it was.
     pub(super) raw: Option<Vec<Sample>>,
+    /// By how much its displacement trembles, m or rad.
+    pub(super) tremble: f64,
     pub(super) remarks: Vec<String>,
 }
 
@@ -113,10 +116,12 @@ impl Record {
             has_time: time.is_some(),
             skew: 0.0,
             raw: None,
+            tremble: 0.0,
             remarks,
         };
         record.check()?;
         record.thin();
+        record.tremble = tremble(&record);
         if let Some(reach) = smoothed(&mut record) {
             record.remarks.push(format!(
                 "each displacement taken from a parabola through {} samples: turns are as smooth as that, and noise moves none outward",

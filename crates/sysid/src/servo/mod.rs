@@ -23,6 +23,7 @@ mod motion;
 mod other;
 mod replay;
 mod skew;
+mod slides;
 mod sliding;
 mod smoothed;
 mod variants;
@@ -122,6 +123,16 @@ impl Record {
         } else {
             (Cow::Owned(within), true)
         }
+    }
+
+    /// Where what was injected was found to be.
+    fn told_injected(&self, within: bool) -> Option<String> {
+        self.injected.map(|_| {
+            format!(
+                "what was injected is {} the voltage that was recorded, by how the axis moved",
+                if within { "in" } else { "not in" }
+            )
+        })
     }
 
     /// All samples of a column.
@@ -436,12 +447,7 @@ pub fn identify(
     let (record, within) = record.driven(set);
     let record = &*record;
     let second = second.as_ref().map(|r| r.driven(set).0);
-    if record.injected.is_some() {
-        remarks.push(format!(
-            "what was injected is {} the voltage that was recorded, by how the axis moved",
-            if within { "in" } else { "not in" }
-        ));
-    }
+    remarks.extend(record.told_injected(within));
     let (set, moved) = &quiet(record, set, &mut remarks);
     let record = &*doubtful::without(record, Some(moved), set, &mut remarks)?;
     let second = second
@@ -498,17 +504,21 @@ pub fn identify(
     }
     of_place.widen(&mut variants);
     bent::bent(&columns, cut, &mut variants, &mut unknown, &mut remarks);
-    smoothed::smoothed(&columns, &mut variants, &mut unknown, &mut remarks);
+    remarks.extend(slides::unsteady(&columns, &mut variants, &mut unknown));
+    let supported = supported(&variants);
+    let noise = check::acceleration_noise(moved, set);
+    smoothed::smoothed(
+        (&columns, noise),
+        supported,
+        &mut variants,
+        &mut unknown,
+        &mut remarks,
+    );
     let first = &variants[0];
     check::uncertain(first, &columns, &mut unknown);
     check::robustly(&mut variants, &mut unknown);
     check::together(&variants, record.even.period, &mut remarks)?;
-    for parameter in variants.iter_mut().flat_map(|v| &mut v.parameters) {
-        if unknown.iter().any(|u| u.covers(parameter.name)) {
-            parameter.known = None;
-        }
-    }
-    let supported = supported(&variants);
+    without_unknown(&mut variants, &unknown);
     remarks.extend(filtered(&variants).filter(|_| supported == Method::Delayed));
     let error = |v: &Variant| v.validation_error_percent.unwrap_or(f64::INFINITY);
     let least = variants.iter().map(error).fold(f64::INFINITY, f64::min);
@@ -529,6 +539,15 @@ pub fn identify(
         skew: skew.at_start * record.even.period,
         columns,
     })
+}
+
+/// What is not known has no value.
+fn without_unknown(variants: &mut [Variant], unknown: &[Unknown]) {
+    for parameter in variants.iter_mut().flat_map(|v| &mut v.parameters) {
+        if unknown.iter().any(|u| u.covers(parameter.name)) {
+            parameter.known = None;
+        }
+    }
 }
 
 /// That even the model that generalises best tells a part of the record by what the rest says: else the axis, a gain or a unit was another

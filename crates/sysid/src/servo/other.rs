@@ -51,7 +51,7 @@ pub(super) fn differs(one: &Solution, other: &Solution, of: &[usize], share: f64
 }
 
 /// Which equations have no step of friction near them.
-fn moves(columns: &Equations) -> Vec<bool> {
+pub(super) fn moves(columns: &Equations) -> Vec<bool> {
     let speeds: Vec<f64> = columns.velocity.iter().map(|v| v.abs()).collect();
     let slow = SLOW * quantile(&speeds, 0.99);
     (0..speeds.len())

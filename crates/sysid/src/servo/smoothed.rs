@@ -1,184 +1,139 @@
-//! A position, or a voltage, that was smoothed before it was written.
+//! A position, or a voltage, that was smoothed before it was written, and whatever else tells a motion otherwise the faster it is: a load
+//! on a spring, a sensor's own filter.
 //!
-//! A mean over some time takes of a motion what is fast, the more the faster it is, and a voltage that is written as it was seems to have
-//! moved more than there was. What inertia and friction make of a smoothed motion is the force smoothed alike: so the force, smoothed by
-//! ourselves, is told by the columns as they are, where otherwise it is told by columns smoothed by ourselves as well. Noise of a voltage
-//! is the same in both.
+//! To the second order such a thing adds to the force the inertia's second difference, to the fourth order that one's own: inertia and
+//! friction beside these two, and beside a delay, are those of slow motion. Where an axis turns its friction steps, which no order tells:
+//! only where it slides is looked at. What is found without them has to be there within its deviation.
 
-use super::bent::{NAMES, less_sure};
-use super::other::{SURELY, differs, symmetric};
-use super::{Equations, LATE, LEAST_EQUATIONS, Unknown, Variant};
-use nalgebra::DMatrix;
-use pigtail_numerics::regression::{Solution, least_squares, least_squares_alone};
-use pigtail_numerics::signal::quantile;
-use std::ops::Range;
+use super::bent::NAMES;
+use super::other::{OTHER, SURELY, beside};
+use super::slides::Slides;
+use super::{Equations, Friction, LATE, Method, Unknown, Variant};
+use pigtail_numerics::regression::{Solution, least_squares};
+use pigtail_numerics::signal::rms;
 
-/// Widths of a mean that are tried, equations.
-const WIDTHS: [f64; 10] = [1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0];
+/// Deviations beyond which a parameter is not there: of 100 that are one is.
+const ASIDE: f64 = 2.576;
 
-/// A parameter is another one where it changes by this share.
-const OTHER: f64 = 0.02;
+/// Second differences of second differences that are taken beside: each reaches an equation farther to either side.
+const ORDERS: usize = 3;
 
-/// What was smoothed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Of {
-    Position,
-    Voltage,
-}
+/// Share of the inertia that may be open where the motion was smoothed: beyond it more orders would be asked for.
+const OPEN: f64 = 0.02;
 
-struct Found {
-    of: Of,
-    width: f64,
-    /// What is left, squared, as a share of what is left of a record that was not smoothed.
-    ratio: f64,
+/// So much of what is left may be noise of the acceleration.
+const NOISY: f64 = 1.5;
+
+/// What slow motion says.
+struct Slow {
     solution: Solution,
+    /// By how much values differ from those of lower orders: what the orders that are not there would change.
+    open: Vec<f64>,
+    /// Whether the inertia's second difference shows, and which column is the smoother one by its sign.
+    shows: Option<&'static str>,
 }
 
-/// Where the record shows that one of its columns was smoothed parameters are less sure by what that changes, and where one is another
-/// one by it none is known.
+/// Parameters of which slow motion says otherwise are less sure by as much, and where one is another one by it they are not known.
 pub(super) fn smoothed(
-    columns: &Equations,
+    (columns, noise): (&Equations, f64),
+    supported: Method,
     variants: &mut [Variant],
     unknown: &mut Vec<Unknown>,
     remarks: &mut Vec<String>,
 ) {
-    if columns.one_way || columns.force.len() < LEAST_EQUATIONS {
+    let Some(slow) = slow(columns, noise) else {
         return;
+    };
+    if let Some(what) = slow.shows {
+        remarks.push(format!(
+            "the {what} is smoother than what moved the axis, as one that was averaged or filtered before it was written: parameters \
+             are less sure by what that changes"
+        ));
     }
-    let x = symmetric(columns);
-    let Some(plain) = least_squares(&x, &columns.force) else {
-        return;
-    };
-    let step = quantile(&differences(&columns.time), 0.5);
-    let blocks = blocks(&columns.time, step);
-    let tried = WIDTHS.iter().flat_map(|width| {
-        [Of::Position, Of::Voltage].map(|of| tell(&x, columns, &blocks, (of, *width)))
-    });
-    let all: Vec<Found> = tried.flatten().collect();
-    let best = all.iter().min_by(|a, b| a.ratio.total_cmp(&b.ratio));
-    let Some(found) = best else {
-        return;
-    };
-    // Over how long it was averaged is not known: any width that tells it may be right.
-    let may_be = || all.iter().filter(|f| f.of == found.of);
-    let (what, other) = match found.of {
-        Of::Position => ("position", "voltage"),
-        Of::Voltage => ("voltage", "position"),
-    };
-    let over = found.width * step;
-    remarks.push(format!(
-        "the {what} is smoother than what moved the axis, as one that was averaged over some {over:.2e} s before it was written: \
-         parameters are less sure by what that changes; write it as it was, or the {other} averaged alike"
-    ));
-    let is_another = |f: &Found, j: usize| differs(&plain, &f.solution, &[j], OTHER);
-    let another = (0..NAMES.len()).find_map(|j| Some((j, may_be().find(|f| is_another(f, j))?)));
-    if let Some((j, other_by)) = another {
+    let inertia = slow.solution.values[0];
+    let answer = variants.iter().find(|v| v.method == supported);
+    let off = answer.map_or(0.0, |v| v.values[0] - inertia);
+    if slow.shows.is_some() && off.hypot(slow.open[0]) > OPEN * inertia {
         unknown.push(Unknown {
             parameters: NAMES.concat(),
             because: format!(
-                "the {what} is that of a mean over some {over:.2e} s: with the {other} averaged alike the {} would be {:.4e} instead of \
-                 {:.4e}",
-                NAMES[j][0].replace('_', " "),
-                other_by.solution.values[j],
-                plain.values[j]
+                "position or voltage was smoothed so much before it was written that {:.3e} of the inertia is open",
+                off.hypot(slow.open[0])
             ),
         });
     }
     for (j, names) in NAMES.iter().enumerate() {
-        let off = may_be()
-            .map(|f| (plain.values[j] - f.solution.values[j]).abs())
-            .fold(0.0, f64::max);
-        less_sure(variants, names, off);
+        let (value, std) = (slow.solution.values[j], slow.solution.std_correlated[j]);
+        let own = |v: &Variant| v.parameters.iter().find(|p| names.contains(&p.name))?.known;
+        let answer = variants.iter().find(|v| v.method == supported);
+        let first = answer.and_then(own).map(|known| known.value);
+        let another = first.filter(|first| {
+            let off = (first - value).abs();
+            off > OTHER * value.abs() && off > SURELY * std
+        });
+        if let Some(first) = another
+            && !unknown.iter().any(|u| u.covers(names[0]))
+        {
+            unknown.push(Unknown {
+                parameters: names.to_vec(),
+                because: format!(
+                    "slow motion says {value:.4e}, and all of it {first:.4e}: was position or voltage smoothed before it was written?"
+                ),
+            });
+        }
+        let all = variants.iter_mut().flat_map(|v| &mut v.parameters);
+        let known = all
+            .filter(|p| names.contains(&p.name))
+            .filter_map(|p| p.known.as_mut());
+        for known in known {
+            let off = (known.value - value).abs();
+            if slow.shows.is_some() {
+                known.std_correlated = known.std_correlated.hypot(off).hypot(slow.open[j]);
+            } else if off > ASIDE * known.std_correlated.max(std) {
+                known.std_correlated = off;
+            }
+        }
     }
 }
 
-/// What one column's being smoothed tells, where it tells the record surely better than that none was.
-fn tell(
-    x: &DMatrix<f64>,
-    columns: &Equations,
-    blocks: &[Range<usize>],
-    (of, width): (Of, f64),
-) -> Option<Found> {
-    let mean = |column: &[f64]| mean(column, blocks, width);
-    // The middle of a mean lies so far from a block's ends.
-    let aside = (0.5 * width).ceil() as usize;
-    let rows: Vec<usize> = blocks
-        .iter()
-        .flat_map(|b| b.start + aside..b.end.saturating_sub(aside))
-        .collect();
-    if rows.len() < LEAST_EQUATIONS {
-        return None;
+fn slow(columns: &Equations, noise: f64) -> Option<Slow> {
+    let Slides { rows, mut x, force } = Slides::of(columns, ORDERS)?;
+    let own = x.ncols();
+    let n = columns.force.len();
+    let told = columns.matrix(Friction::Symmetric, Method::Delayed);
+    let mut difference: Vec<f64> = told.column(0).iter().copied().collect();
+    let mut found = vec![least_squares(&x, &force)?];
+    for _ in 0..ORDERS {
+        let ends = (difference[0], difference[n - 1]);
+        let inside = difference.windows(3).map(|w| w[0] - 2.0 * w[1] + w[2]);
+        difference = std::iter::once(ends.0)
+            .chain(inside.collect::<Vec<_>>())
+            .chain([ends.1])
+            .collect();
+        x = beside(&x, &[rows.iter().map(|i| difference[*i]).collect()]);
+        found.push(least_squares(&x, &force)?);
     }
-    let over: Vec<Vec<f64>> = x.column_iter().map(|c| mean(c.as_slice())).collect();
-    let over = DMatrix::from_fn(x.nrows(), x.ncols(), |i, j| over[j][i]);
-    let (target, smoothed, not) = match of {
-        Of::Position => {
-            // Where a mean turns what was averaged does, nearly: friction's step is averaged as the force is.
-            let mut smoothed = x.clone();
-            smoothed.set_column(2, &over.column(2));
-            (mean(&columns.force), smoothed, over)
-        }
-        Of::Voltage => (columns.force.clone(), over, x.clone()),
+    let left = |s: &Solution| rms(s.residuals.iter().copied());
+    let sign = |s: &Solution| {
+        let (value, std) = (s.values[own], s.std_correlated[own]);
+        (value.abs() > SURELY * std).then_some(value < 0.0)
     };
-    let target: Vec<f64> = rows.iter().map(|i| target[*i]).collect();
-    let solution = least_squares_alone(&smoothed.select_rows(&rows), &target)?;
-    let other = least_squares_alone(&not.select_rows(&rows), &target)?;
-    let squares = |s: &Solution| s.residuals.iter().map(|r| r * r).sum::<f64>();
-    let ratio = squares(&solution) / squares(&other);
-    if ratio.is_nan() || ratio >= LATE * LATE {
-        return None;
-    }
-    let pairs = other.residuals.iter().zip(&solution.residuals);
-    let less: Vec<f64> = pairs.map(|(a, b)| a * a - b * b).collect();
-    // Of means that overlap neighbours go together.
-    let batch = (4.0 * width).ceil() as usize;
-    let sums: Vec<f64> = less.chunks_exact(batch).map(|c| c.iter().sum()).collect();
-    let n = sums.len() as f64;
-    let middle = sums.iter().sum::<f64>() / n;
-    let scatter = sums.iter().map(|s| (s - middle).powi(2)).sum::<f64>() / (n - 1.0);
-    (n > 5.0 && middle > SURELY * (scatter / n).sqrt()).then(|| {
-        Some(Found {
-            of,
-            width,
-            ratio,
-            solution: least_squares(&smoothed.select_rows(&rows), &target)?,
-        })
-    })?
-}
-
-fn differences(values: &[f64]) -> Vec<f64> {
-    values.windows(2).map(|w| w[1] - w[0]).collect()
-}
-
-/// Rows that follow each other evenly.
-fn blocks(time: &[f64], step: f64) -> Vec<Range<usize>> {
-    let gaps = (1..time.len()).filter(|k| time[*k] - time[k - 1] > 1.5 * step);
-    let mut from = 0;
-    gaps.chain(std::iter::once(time.len()))
-        .map(|to| std::mem::replace(&mut from, to)..to)
-        .collect()
-}
-
-/// Means over so many equations about each; at a block's ends over what there is of it.
-fn mean(column: &[f64], blocks: &[Range<usize>], width: f64) -> Vec<f64> {
-    let half = 0.5 * (width - 1.0);
-    let whole = half as usize;
-    let share = half - whole as f64;
-    let mut all = column.to_vec();
-    for block in blocks {
-        let own = &column[block.clone()];
-        let last = own.len() - 1;
-        let mut sums = vec![0.0];
-        for (k, value) in own.iter().enumerate() {
-            sums.push(sums[k] + value);
-        }
-        for k in 0..own.len() {
-            let (from, to) = (k.saturating_sub(whole), (k + whole).min(last));
-            let inside = sums[to + 1] - sums[from];
-            let ends = own[k.saturating_sub(whole + 1)] + own[(k + whole + 1).min(last)];
-            let weight = (to + 1 - from) as f64 + 2.0 * share;
-            all[block.start + k] = (inside + share * ends) / weight;
-        }
-    }
-    all
+    // Of an acceleration that is noise its differences tell the noise.
+    let noisy = left(&found[0]) < NOISY * noise * found[0].values[0].abs();
+    let better = !noisy && left(&found[ORDERS]) < LATE * left(&found[0]);
+    let agree = found[1..]
+        .windows(2)
+        .find(|two| sign(&two[0]).is_some() && sign(&two[0]) == sign(&two[1]));
+    let position = agree.filter(|_| better).and_then(|two| sign(&two[0]));
+    let differ = |j: usize| {
+        let pairs = found[1..].windows(2);
+        pairs
+            .map(|two| (two[0].values[j] - two[1].values[j]).abs())
+            .fold(0.0, f64::max)
+    };
+    Some(Slow {
+        open: (0..NAMES.len()).map(differ).collect(),
+        shows: position.map(|is| if is { "position" } else { "voltage" }),
+        solution: found.pop()?,
+    })
 }

@@ -34,8 +34,8 @@ pub struct Network {
 pub type Sample = ([f64; 2], f64);
 
 /// What a network's weights cost beside its errors, as a share of what the data say of a weight:
-/// enough to tame those about which they say nothing. A thousand times as much keeps wide functions, which work by what is left of great weights,
-/// from telling a smooth way: it goes by waves then, which are small in displacement and a third of how far a small loop is open.
+/// enough to tame those about which they say nothing. Much more (1e-9) keeps wide functions, which work by what is left of great weights,
+/// from telling a smooth way: it goes by waves then, which are small in displacement and not beside how far a small loop is open.
 pub const RIDGE: f64 = 1e-13;
 
 /// By how much a network may err more than with the best width, of samples that were kept back, for the sake of wider functions: they are smoother, and what
