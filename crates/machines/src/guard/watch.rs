@@ -243,8 +243,9 @@ struct Stood {
 }
 
 /// How far an output may go beyond what it still owes its motor while that stands to the last count, as a share of what
-/// transmissions may hide: what they have hidden they keep until the motor turns, but for some relaxation. A choice.
-const RELAXES: f64 = 0.1;
+/// transmissions may hide: what they have hidden they keep until the motor turns, but one that sticks as it turns round has its output swing
+/// meanwhile. A choice: a sixth was seen, of a drawn machine on slow triangles.
+const RELAXES: f64 = 0.25;
 /// The axes that go across.
 const JOINTS: [Axis; 2] = [Axis::A, Axis::B];
 
