@@ -66,7 +66,9 @@ pub(super) fn smoothed(
         let (value, std) = (slow.solution.values[j], slow.solution.std_correlated[j]);
         let own = |v: &Variant| v.parameters.iter().find(|p| names.contains(&p.name))?.known;
         let answer = variants.iter().find(|v| v.method == supported);
-        let first = answer.and_then(own).map(|known| (known.value, known.std_correlated));
+        let first = answer
+            .and_then(own)
+            .map(|known| (known.value, known.std_correlated));
         // Of one that says itself that it may be as far off, no more is to be said than by how much.
         let another = first.filter(|(first, known)| {
             let off = (first - value).abs();
