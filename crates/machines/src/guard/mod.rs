@@ -482,9 +482,7 @@ impl<M: Machine> Guard<M> {
             let z = self.keepout.way(i).along;
             speeds[i][AXES - 1] = z / (WHILE as f64 * self.limits.period);
         }
-        let across = |i: usize| self.keepout.way(i).across / (WHILE as f64 * self.limits.period);
-        let across = [across(0), across(1)];
-        self.outputs.check(probes, &encoders, &speeds, across)
+        self.outputs.check(probes, &encoders, &speeds)
     }
 
     #[inline(always)]

@@ -231,24 +231,6 @@ const SLOW: f64 = 0.1;
 /// By how much of a way lead and links may be wrong: so much of a motion comes out only when it has ended.
 const SCALE: f64 = 0.01;
 
-/// A joint since its encoder last counted.
-#[derive(Debug, Clone, Copy)]
-struct Stood {
-    /// Where the encoder has it, metres.
-    encoder: f64,
-    /// Where its output was when it came there, metres.
-    output: f64,
-    /// How fast the endpoint was then, m/s.
-    speed: f64,
-}
-
-/// How far an output may go beyond what it still owes its motor while that stands to the last count, as a share of what
-/// transmissions may hide: what they have hidden they keep until the motor turns, but one that sticks as it turns round has its output swing
-/// meanwhile. A choice: a sixth was seen, of a drawn machine on slow triangles.
-const RELAXES: f64 = 0.25;
-/// The axes that go across.
-const JOINTS: [Axis; 2] = [Axis::A, Axis::B];
-
 /// Outputs that do not do what their motors' encoders say.
 #[derive(Debug, Clone)]
 pub(super) struct Outputs {
@@ -261,8 +243,6 @@ pub(super) struct Outputs {
     usual: Option<[[f64; AXES]; SIDES]>,
     /// How fast each has been of late, m/s: what a motion made of the usual stays for as long after it.
     fast: [[f64; AXES]; SIDES],
-    /// Where the motors of joints stand.
-    stood: [[Option<Stood>; JOINTS.len()]; SIDES],
 }
 
 impl Outputs {
@@ -274,61 +254,17 @@ impl Outputs {
             lag: spec.guard.lag,
             usual: None,
             fast: [[0.0; AXES]; SIDES],
-            stood: Default::default(),
         }
     }
 
-    /// The probe of a joint, and where its encoder has it (metres), at a speed of its endpoint (m/s): an output that has gone farther than it can
-    /// without its motor says that the encoder is stuck. Of a joint that goes on at its speed nothing else says so until it has gone as far as
-    /// transmissions may hide. A z-stage swings by as much as that about a screw that has come to its end: of it the distance from the
-    /// chip tells.
-    #[inline(always)]
-    fn check_stuck(
-        &mut self,
-        AxisName { side, axis }: AxisName,
-        (output, encoder): (f64, f64),
-        speed: f64,
-    ) -> Result<(), Broken> {
-        let (i, k) = (side.index(), axis.index());
-        let before = self.stood[i][k].filter(|stood| stood.encoder == encoder);
-        let Some(stood) = before else {
-            self.stood[i][k] = Some(Stood {
-                encoder,
-                output,
-                speed,
-            });
-            return Ok(());
-        };
-        let by = output - stood.output;
-        let accepted = RELAXES * self.apart[k] + 2.0 * self.lag * stood.speed;
-        // A comparison that a NaN fails too.
-        if by.abs() <= accepted {
-            return Ok(());
-        }
-        Err(Broken::new(
-            Rule::OutputFollowing,
-            AxisName { side, axis }.to_string(),
-            format!("{:.1} um while its motor stood, by its encoder", by * 1e6),
-            format!("at most {:.1} um after this speed", accepted * 1e6),
-        ))
-    }
-
-    /// Probes, beside what the encoders would have them read (metres), the speeds of the axes and of endpoints across (m/s).
+    /// Probes, beside what the encoders would have them read (metres), and the speeds of the axes (m/s).
     #[inline(always)]
     pub(super) fn check(
         &mut self,
         probes: &[[f64; AXES]; SIDES],
         encoders: &[[f64; AXES]; SIDES],
         speeds: &[[f64; AXES]; SIDES],
-        across: [f64; SIDES],
     ) -> Result<(), Broken> {
-        for side in Side::ALL {
-            for axis in JOINTS {
-                let (i, k) = (side.index(), axis.index());
-                let at = (probes[i][k], encoders[i][k]);
-                self.check_stuck(AxisName { side, axis }, at, across[i])?;
-            }
-        }
         let usual = self.usual.get_or_insert_with(|| {
             std::array::from_fn(|i| std::array::from_fn(|k| probes[i][k] - encoders[i][k]))
         });
