@@ -169,8 +169,7 @@ pub(super) struct Keepout {
     brake: f64,
     /// The same of an endpoint across, which brakes by itself.
     brake_across: f64,
-    /// Where the holders' fibers were in x of late by the outputs, or by the encoders where nothing sees those, without their micros, metres; the oldest
-    /// first.
+    /// Where the holders' fibers were in x of late by the outputs, without their micros, metres; the oldest first. Nothing on a rig without probes.
     crossed: [Option<[f64; WHILE + 1]>; SIDES],
     /// Cycles that a piezo takes to come to where it was told to be.
     settle: usize,
