@@ -240,9 +240,8 @@ fn a_hum_is_not_followed_into_the_chip() {
 }
 
 /// An encoder that stops counting while its axis is on its way has the servo push on: a joint went hundreds of micrometres across before a
-/// fiber near the chip, to where the facet stands out, a z-stage four into it, before outputs were as far from their motors as transmissions
-/// may hide.
-/// The distance from the chip is that of outputs.
+/// fiber near the chip, to where the facet stands out, and a z-stage a micrometre into it, before outputs were as far from their motors as
+/// transmissions may hide. The distance from the chip is that of outputs.
 #[test]
 fn an_encoder_that_sticks_on_the_way_drives_nothing_into_the_chip() {
     let runs = TempDir::new().expect("a folder");

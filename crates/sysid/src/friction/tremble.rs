@@ -10,7 +10,8 @@ use pigtail_numerics::signal::quantile;
 /// Parabolas from one turn to the next.
 const EACH: usize = 8;
 
-/// Turns are those that are so many times as wide as a law looks at.
+/// Turns of a motion are so many times as wide as those that a law looks at, a fifth of the stroke: what trembles turns by more than a
+/// fiftieth of it. Once, until a hum of half the way had not been seen.
 const WIDE: f64 = 10.0;
 
 /// So many times the noise from sample to sample it is where it trembles.
@@ -23,7 +24,6 @@ const QUARTILE: f64 = 1.1503;
 pub(super) fn tremble(record: &Record) -> f64 {
     let samples = &record.samples;
     let (low, high) = record.range(|s| s.displacement);
-    // What trembles may turn by more than a fiftieth of the stroke.
     let turns = turned(samples, WIDE * (high - low)).len().max(1);
     let reach = samples.len() / (2 * EACH * turns);
     if reach < 2 {

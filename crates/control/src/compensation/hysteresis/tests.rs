@@ -437,7 +437,7 @@ fn half_open(model: &Model, middle: f64, volts: f64) -> f64 {
     0.5 * (at_middle[0] - at_middle[1])
 }
 
-/// Fibers came to rest 0.14 um beside the middle of their circles, wherever a piezo's network went by waves.
+/// Where a piezo's network went by waves fibers came to rest 0.1 um and more beside the middle of their circles.
 #[test]
 fn small_loops_of_networks_are_as_open_as_the_piezos() {
     let (truth, rbf) = networks_of_plays();
