@@ -32,6 +32,9 @@ const HYSTERESIS: f64 = 0.25;
 const CROSS: f64 = 0.15;
 /// How far beside its port the light may be, and vision's noise, metres.
 const BESIDE: f64 = 8e-6;
+/// A tip is near to the chip within this, metres: within less than a millimetre across, which a joint whose encoder is stuck goes before it is
+/// stopped, the facet stands out by as much. A choice.
+const NEAR: f64 = 100e-6;
 /// Cycles over which the speed of this moment is seen.
 const AT_ONCE: usize = 4;
 /// Cycles over which speeds are seen.
@@ -166,6 +169,8 @@ pub(super) struct Keepout {
     /// For how many each micro has been told to be where it is.
     micro_stood: [usize; SIDES],
     ways: [Way; SIDES],
+    /// How far the tips of each were from the chip when last looked at, what is not known taken off, metres.
+    clearances: [f64; SIDES],
     /// Whether what was before says nothing of what comes.
     anew: bool,
     at: usize,
@@ -241,6 +246,7 @@ impl Keepout {
             stood: [0; SIDES],
             micro_stood: [0; SIDES],
             ways: Default::default(),
+            clearances: [f64::INFINITY; SIDES],
             anew: false,
             at: 0,
             seen_counts: [[Counts(0); 2]; SIDES],
@@ -335,6 +341,12 @@ impl Keepout {
             let off = told - self.stand(side, back + k).micro;
             share * (off.x * off.x + off.y * off.y)
         })
+    }
+
+    /// Whether a tip is so near to the chip that a manipulator whose motor is not known could bring it there.
+    #[inline(always)]
+    pub(super) fn is_near(&self, side: usize) -> bool {
+        self.clearances[side] < NEAR
     }
 
     /// How far an endpoint has gone of late.
@@ -461,9 +473,18 @@ impl Keepout {
         let crossed = self.crossed[side].get_or_insert([x; WHILE + 1]);
         crossed.rotate_left(1);
         crossed[WHILE] = x;
-        let speed = (x - crossed[0]) * self.rate / WHILE as f64;
+        let on_average = (x - crossed[0]) / WHILE as f64;
+        let now = (x - crossed[WHILE - AT_ONCE]) / AT_ONCE as f64;
+        // The one by which the facet comes nearer faster: one that gathers speed is faster than it was on average.
+        let nearer = self.geometry.facets[side].stands_out;
+        let speed = self.rate
+            * if on_average * nearer > now * nearer {
+                on_average
+            } else {
+                now
+            };
         let way = GuardSpec::REACTION / self.rate + 0.5 * speed.abs() / self.brake_across;
-        (speed * way * self.geometry.facets[side].stands_out).max(0.0)
+        (speed * way * nearer).max(0.0)
     }
 
     /// What transmissions and piezos may have kept to themselves of the way between two stands, in x,
@@ -564,7 +585,9 @@ impl Keepout {
             } else {
                 None
             };
+            self.clearances[i] = f64::INFINITY;
             for (what, clearance) in std::iter::once(carried).chain(beside) {
+                self.clearances[i] = self.clearances[i].min(clearance);
                 let clearance = clearance - stop - across;
                 if clearance < nearest.clearance {
                     nearest = Near { what, clearance };

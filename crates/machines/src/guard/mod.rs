@@ -482,6 +482,13 @@ impl<M: Machine> Guard<M> {
             let z = self.keepout.way(i).along;
             speeds[i][AXES - 1] = z / (WHILE as f64 * self.limits.period);
         }
+        for side in Side::ALL {
+            let i = side.index();
+            let across = self.keepout.way(i).across / (WHILE as f64 * self.limits.period);
+            let near = self.keepout.is_near(i);
+            self.outputs
+                .check_stuck(side, &probes[i], &encoders[i], across, near)?;
+        }
         self.outputs.check(probes, &encoders, &speeds)
     }
 

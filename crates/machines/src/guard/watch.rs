@@ -231,6 +231,24 @@ const SLOW: f64 = 0.1;
 /// By how much of a way lead and links may be wrong: so much of a motion comes out only when it has ended.
 const SCALE: f64 = 0.01;
 
+/// A joint since its encoder last counted.
+#[derive(Debug, Clone, Copy)]
+struct Stood {
+    /// Where the encoder has it, metres.
+    encoder: f64,
+    /// Where its output was when it came there, metres.
+    output: f64,
+    /// How fast the endpoint was then, m/s.
+    speed: f64,
+}
+
+/// How far an output may go beyond what it still owes its motor while that stands to the last count, as a share of what
+/// transmissions may hide: what they have hidden they keep until the motor turns, but one that sticks as it turns round has its output swing
+/// meanwhile. A choice: near a chip an eighteenth was seen; far from any a sixth, of a drawn machine on slow triangles, which is not looked at.
+const RELAXES: f64 = 0.1;
+/// The axes that go across.
+const JOINTS: [Axis; 2] = [Axis::A, Axis::B];
+
 /// Outputs that do not do what their motors' encoders say.
 #[derive(Debug, Clone)]
 pub(super) struct Outputs {
@@ -243,6 +261,8 @@ pub(super) struct Outputs {
     usual: Option<[[f64; AXES]; SIDES]>,
     /// How fast each has been of late, m/s: what a motion made of the usual stays for as long after it.
     fast: [[f64; AXES]; SIDES],
+    /// Where the motors of joints stand.
+    stood: [[Option<Stood>; JOINTS.len()]; SIDES],
 }
 
 impl Outputs {
@@ -254,7 +274,53 @@ impl Outputs {
             lag: spec.guard.lag,
             usual: None,
             fast: [[0.0; AXES]; SIDES],
+            stood: Default::default(),
         }
+    }
+
+    /// The probes of a side's joints, and where their encoders have them (metres), at a speed of its endpoint across (m/s): an output that goes
+    /// farther than it can without its motor says that the encoder is stuck. Of a joint that goes on at its speed nothing else says so until it has
+    /// gone as far as transmissions may hide. Where a tip is near (`near`) that is too late: its servo drives it on faster than it could be
+    /// stopped. A z-stage swings by as much as that about a screw that has come to its end: of it the distance from the chip tells.
+    #[inline(always)]
+    pub(super) fn check_stuck(
+        &mut self,
+        side: Side,
+        probes: &[f64; AXES],
+        encoders: &[f64; AXES],
+        across: f64,
+        near: bool,
+    ) -> Result<(), Broken> {
+        for axis in JOINTS {
+            let k = axis.index();
+            let (output, encoder) = (probes[k], encoders[k]);
+            let stood = &mut self.stood[side.index()][k];
+            let before = stood.filter(|stood| near && stood.encoder == encoder);
+            let Some(before) = before else {
+                *stood = Some(Stood {
+                    encoder,
+                    output,
+                    speed: across,
+                });
+                continue;
+            };
+            let by = output - before.output;
+            let accepted = RELAXES * self.apart[k] + 2.0 * self.lag * before.speed;
+            // A comparison that a NaN fails too.
+            if by.abs() <= accepted {
+                continue;
+            }
+            return Err(Broken::new(
+                Rule::OutputFollowing,
+                AxisName { side, axis }.to_string(),
+                format!("{:.1} um while its motor stood, by its encoder", by * 1e6),
+                format!(
+                    "at most {:.1} um after this speed, near the chip",
+                    accepted * 1e6
+                ),
+            ));
+        }
+        Ok(())
     }
 
     /// Probes, beside what the encoders would have them read (metres), and the speeds of the axes (m/s).
