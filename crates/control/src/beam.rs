@@ -244,6 +244,12 @@ impl Beam {
         })
     }
 
+    /// How many times as wide as designed a spot is.
+    pub fn times_design(&self, spot: &SpotSize) -> f64 {
+        let [x, y] = spot.radius;
+        (x * y).sqrt() / self.design
+    }
+
     /// A spot of which the squares of the widths in x and in y are so many times those that are believed of a round one.
     pub fn widen(&mut self, times: [f64; 2]) -> Oblong {
         let [x, y] = times.map(f64::recip);

@@ -5,7 +5,7 @@ use super::answer::{Answer, Turn};
 use crate::tuning::TUNING;
 
 use super::{ConicalScan, Gap};
-use crate::beam::{Peak, Reading};
+use crate::beam::{Peak, Reading, SpotSize};
 use crate::belief::Across;
 use crate::flicker::Flicker;
 use crate::gap_by_light::Width;
@@ -263,8 +263,7 @@ impl ConicalScan<'_> {
             .await?;
         self.last_for(bench, Gap::Steady(gap), self.waits(bench))
             .await?;
-        // The way to rest makes the micro ring as the way to this circle did, and is this much shorter.
-        let shorter = radius / (self.shape.radius - radius);
+        let shorter = self.shorter(radius);
         let (mut turns, mut before, mut rings, mut led) = (0, f64::INFINITY, false, false);
         let mut earlier = None;
         let creeps = self.slower * self.creeps();
@@ -321,6 +320,21 @@ impl ConicalScan<'_> {
             old,
             rings,
         })
+    }
+
+    /// The way to rest from a circle of so many widths makes the micro ring as the way to that circle did, and is this much shorter.
+    fn shorter(&self, radius: f64) -> f64 {
+        radius / (self.shape.radius - radius)
+    }
+
+    /// Whether a micro may ring though it is not seen to on a circle of so many widths: nobody has measured when it comes to rest, in this noise a
+    /// swing would not show, and the spot looks so narrow that the micro goes farther on a circle than it is told to, as it does near its
+    /// resonance.
+    fn may_ring(&self, seen: &Peak, gap: f64, radius: f64) -> bool {
+        let as_told = |spot: SpotSize| self.beam.times_design(&spot) > TUNING.last.as_told;
+        self.forgets > 1.0
+            && self.no_swing(seen, gap) * self.shorter(radius) > TUNING.last.quiet
+            && !self.spot.is_some_and(as_told)
     }
 
     /// Whether a small turn sees the peak where it was foreseen, or where the turn `earlier` than it saw it. What swings at twice the circle's rate looks like a
@@ -471,6 +485,7 @@ impl ConicalScan<'_> {
             self.shaking.add_small(&shakes);
         }
         let width = self.learn_width(gap);
+        let may_ring = self.may_ring(&seen, gap, radius);
         let behind = width.map_or([0.0; 2], |width| self.behind(gap, &width, &seen));
         let (beside, aside) = self.aside(gap, width.as_ref());
         let foreseen = &late(foreseen, old);
@@ -486,7 +501,7 @@ impl ConicalScan<'_> {
         if misfit > accepted {
             return Err(Outcome::Misshapen { misfit, accepted }.into());
         }
-        let last = if rings {
+        let last = if rings || may_ring {
             TUNING.last.gentle
         } else {
             TUNING.last.come_to_rest
@@ -494,7 +509,7 @@ impl ConicalScan<'_> {
         // It comes to rest, and not a moment longer than it may swing: piezos creep.
         let settling = self.group(bench).settling;
         let rest = HALF_TURN + last + settling / self.period;
-        let longer = if self.shaking.rings() {
+        let longer = if self.shaking.rings() || may_ring {
             (self.forgets - 1.0) * settling
         } else {
             0.0
