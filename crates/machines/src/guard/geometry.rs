@@ -1,0 +1,117 @@
+//! What is believed of the geometry around the chip: where manipulators stand and where facets are.
+
+use pigtail_hal::spec::SIDES;
+use pigtail_model::fivebar::{FiveBar, JointAngle, Turning, Unreachable};
+use pigtail_model::frames::{Chip, Placement, Point};
+use pigtail_model::leadscrew::LeadScrew;
+
+/// What is believed of the geometry around the chip.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Geometry {
+    /// The manipulators, indexed by side.
+    pub arms: [Arm; SIDES],
+    /// The facet that each of them brings fibers to.
+    pub facets: [Facet; SIDES],
+}
+
+/// What is believed of a manipulator.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Arm {
+    pub(super) five_bar: FiveBar,
+    home: [f64; 2],
+    home_angles: [JointAngle; 2],
+    pub(super) screw: LeadScrew,
+    pub(super) placement: Placement,
+    pub(super) micro_gain: f64,
+}
+
+impl Arm {
+    /// A manipulator whose endpoint is at `home` of its five-bar (metres) when encoders are zero, that
+    /// stands at `placement`, and whose piezos go `micro_gain` metres a volt.
+    ///
+    /// # Errors
+    ///
+    /// When home cannot be reached.
+    pub fn new(
+        five_bar: FiveBar,
+        home: [f64; 2],
+        screw: LeadScrew,
+        placement: Placement,
+        micro_gain: f64,
+    ) -> Result<Self, Unreachable> {
+        Ok(Self {
+            home_angles: five_bar.inverse(home[0], home[1])?,
+            five_bar,
+            home,
+            screw,
+            placement,
+            micro_gain,
+        })
+    }
+
+    /// Where the endpoint is across with its joints turned so far from home (radians), metres from
+    /// home.
+    pub(super) fn across(&self, [a, b]: [f64; 2]) -> Result<(f64, f64), Unreachable> {
+        let [home_a, home_b] = self.home_angles;
+        let (x, y) = self
+            .five_bar
+            .forward([JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)])?;
+        Ok((x - self.home[0], y - self.home[1]))
+    }
+
+    /// The same of angles that change little from one call to the next.
+    #[inline(always)]
+    pub(super) fn across_from(
+        &self,
+        turning: &mut [Turning; 2],
+        [a, b]: [f64; 2],
+    ) -> Result<(f64, f64), Unreachable> {
+        let [home_a, home_b] = self.home_angles;
+        let angles = [JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)];
+        let (x, y) = self.five_bar.forward_from(turning, angles)?;
+        Ok((x - self.home[0], y - self.home[1]))
+    }
+
+    /// How far the endpoint goes across for its joints, at these angles from home (radians): metres a radian, of x, then of y.
+    pub(super) fn rates(&self, [a, b]: [f64; 2]) -> Result<[[f64; 2]; 2], Unreachable> {
+        let [home_a, home_b] = self.home_angles;
+        let angles = [JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)];
+        self.five_bar.jacobian(angles)
+    }
+}
+
+/// A facet of the chip by design: a plane through its ports that goes up and down straight.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Facet {
+    /// Its ports.
+    pub ports: Vec<Point<Chip>>,
+    /// -1 where it faces -z, 1 where it faces +z.
+    pub outward: f64,
+    /// How far it stands out for a metre in x.
+    pub stands_out: f64,
+    /// Tangent of the angle of the light before it, from z towards x.
+    pub exit: f64,
+}
+
+impl Facet {
+    /// Gap between the first port and a tip along z, metres.
+    pub(super) fn gap(&self, z: f64) -> f64 {
+        self.outward * (z - self.ports[0].z)
+    }
+
+    /// Distance along z from the facet where it stands out most within `aside` of `x`, metres.
+    pub(super) fn clearance(&self, x: f64, z: f64, aside: f64) -> f64 {
+        let out = (x - self.ports[0].x) * self.stands_out + aside * self.stands_out.abs();
+        self.gap(z) - out
+    }
+
+    /// Distance along z from the port in whose light a tip may stand that is within `aside` of `x`,
+    /// metres; `None` where there is none.
+    pub(super) fn gap_in_light(&self, x: f64, z: f64, aside: f64) -> Option<f64> {
+        let near = self.ports.iter().filter_map(|port| {
+            let gap = self.outward * (z - port.z);
+            ((x - port.x - gap * self.exit).abs() <= aside).then_some(gap)
+        });
+        near.min_by(f64::total_cmp)
+    }
+}
