@@ -201,5 +201,12 @@ topic! {
         late: f64 = 2e-3, "s", Choice;
         /// Over how long a speed is seen.
         speed: f64 = 3.2e-3, "s", Choice;
+        /// What a camera states of its noise counts as much as so many frames.
+        stated: f64 = 16.0, "frames", Choice;
+        /// A frame lies on one side of what is believed from so far on: half of the least motion that is to be noticed...
+        beside: f64 = 0.5, "sigma", Equation;
+        /// ...and tips have moved where the sum of how far frames lie beyond that is more than this: where nothing moves, once in 140,000
+        /// frames to either side, by the usual approximation of a mean run.
+        moved: f64 = 10.0, "sigma", Equation;
     }
 }
