@@ -330,7 +330,7 @@ mod tests {
         let here = Point::new(1e-3, 0.0, 2e-3);
         let mut estimate = None;
         let mut look = |k: u32, z: f64| {
-            let error = if k % 2 == 0 { SIGMA } else { -SIGMA };
+            let error = if k.is_multiple_of(2) { SIGMA } else { -SIGMA };
             let fix = fix(here.x, here.z + z + error);
             update(&mut estimate, 0.0, here, &fix, [0.0; 2]);
             estimate.expect("a frame").z
