@@ -1,18 +1,17 @@
 //! `pigtail runs`.
 
+mod replay;
+
 use crate::choice::choice;
 use crate::common::write_table;
 use crate::{DONE, Failure, NEGATIVE, exchanges, kinds};
 use clap::{Args, Subcommand};
 use pigtail_hal::Error;
-use pigtail_session::records::{RECORD, records_in};
-use pigtail_session::replay::ReplayDocument;
 use pigtail_store::compare::{Side, compare as compared};
 use pigtail_store::database::export::{Format, Rows, export, write_whole};
 use pigtail_store::database::query::{Fiber, Listed, Produced, Shown, folders};
 use pigtail_store::database::verify::{Verified, without_store};
 use pigtail_store::database::{Database, FILE, State};
-use serde::Serialize;
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -38,102 +37,7 @@ enum What {
     Compare(CompareArguments),
     Export(ExportArguments),
     Verify(VerifyArguments),
-    Replay(ReplayArguments),
-}
-
-/// Run the same control again on what a run recorded, and compare every command
-///
-/// The machine's answers come from the record; what control says to them must be what it said then, bit
-/// for bit. The first difference is named. A record that was cut short, as by a kill, is replayed to its
-/// end. A run that worked on several machines has a record of each: all of them are replayed, or the one that
-/// is named. Exit codes: 0 the same, 1 a difference, 2 no record that can be read.
-#[derive(Debug, Args)]
-#[command(after_help = "\
-Examples:
-  pigtail runs replay 20261121T024402-7
-  pigtail runs replay runs/20261121T024402-7/exchanges.pigtail --json")]
-struct ReplayArguments {
-    /// Its name, as `pigtail runs list` tells it, its folder, or the record itself
-    run: PathBuf,
-    /// Print JSON instead of text
-    #[arg(long)]
-    json: bool,
-}
-
-/// The records of a run, wherever it is: one for each machine that it worked on.
-fn records_of(run: &Path, runs: &Path) -> Vec<PathBuf> {
-    if run.is_file() {
-        return vec![run.to_owned()];
-    }
-    let name = run.file_name().unwrap_or_default().to_string_lossy();
-    [
-        run.to_owned(),
-        runs.join(run),
-        runs.join(format!(".{name}.partial")),
-    ]
-    .iter()
-    .map(|folder| records_in(folder))
-    .find(|records| !records.is_empty())
-    // What is not there is an error of whoever reads it.
-    .unwrap_or_else(|| vec![runs.join(run).join(RECORD)])
-}
-
-/// What a replay of a run prints as JSON that worked on several machines.
-#[derive(Serialize)]
-struct ReplaysDocument {
-    /// Whether all of them are the same.
-    same: bool,
-    /// Each record.
-    records: Vec<ReplayDocument>,
-}
-
-fn replay(arguments: &ReplayArguments, runs: &Path) -> Result<u8, Failure> {
-    let records = records_of(&arguments.run, runs);
-    let several = records.len() > 1;
-    let mut documents = Vec::with_capacity(records.len());
-    for record in &records {
-        let document = pigtail_session::replay::replay(record)?;
-        if !arguments.json {
-            let name = record.file_name().filter(|_| several);
-            let name = name.map_or_else(String::new, |n| format!("{}: ", n.to_string_lossy()));
-            crate::print(format!("{name}{}\n", told(&document)).as_bytes())?;
-        }
-        documents.push(document);
-    }
-    let same = documents.iter().all(|document| document.same);
-    if arguments.json {
-        let json = match documents.pop() {
-            Some(document) if !several => serde_json::to_string(&document),
-            last => {
-                documents.extend(last);
-                let records = documents;
-                serde_json::to_string(&ReplaysDocument { same, records })
-            }
-        };
-        crate::print(format!("{}\n", json.map_err(anyhow::Error::from)?).as_bytes())?;
-    }
-    Ok(if same { DONE } else { NEGATIVE })
-}
-
-/// What came of a replay, in a line.
-fn told(document: &ReplayDocument) -> String {
-    let said = format!(
-        "{} exchanges, {:.3} s of machine time",
-        document.exchanges, document.seconds
-    );
-    let end = if document.cut {
-        "; the record ends before its run did"
-    } else {
-        ""
-    };
-    match &document.difference {
-        Some(difference) => format!("not the same after {said}: {difference}"),
-        None if document.left > 0 => format!(
-            "not the same: control ends after {said}, and {} more were recorded",
-            document.left
-        ),
-        None => format!("the same commands to the last bit: {said}{end}"),
-    }
+    Replay(replay::Arguments),
 }
 
 /// List the runs, the newest last
@@ -302,7 +206,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         What::Compare(arguments) => compare(arguments, runs),
         What::Export(arguments) => write_rows(arguments, runs),
         What::Verify(arguments) => verify(arguments, runs),
-        What::Replay(arguments) => replay(arguments, runs),
+        What::Replay(arguments) => replay::run(arguments, runs),
     }
 }
 
@@ -645,7 +549,7 @@ fn write_rows(arguments: &ExportArguments, runs: &Path) -> Result<u8, Failure> {
         (None, None, None) => unreachable!("one of them is required"),
     };
     if let Some(run) = &arguments.samples {
-        let rows = exchanges::export(&records_of(run, runs), format, file)?;
+        let rows = exchanges::export(&replay::records_of(run, runs), format, file)?;
         let text = format!("{rows} cycles written to {}\n", file.display());
         crate::print(text.as_bytes())?;
         return Ok(DONE);
