@@ -329,10 +329,11 @@ impl ConicalScan<'_> {
 
     /// Whether a micro may ring though it is not seen to on a circle of so many widths: nobody has measured when it comes to rest, in this noise a
     /// swing would not show, and the spot looks so narrow that the micro goes farther on a circle than it is told to, as it does near its
-    /// resonance.
+    /// resonance. How a bench answers that nobody has measured, its turns tell.
     fn may_ring(&self, seen: &Peak, gap: f64, radius: f64) -> bool {
         let as_told = |spot: SpotSize| self.beam.times_design(&spot) > TUNING.last.as_told;
-        self.forgets > 1.0
+        !self.wary
+            && self.forgets > 1.0
             && self.no_swing(seen, gap) * self.shorter(radius) > TUNING.last.quiet
             && !self.spot.is_some_and(as_told)
     }
