@@ -32,7 +32,7 @@ const STEP: f64 = UNITS / INTERVALS as f64;
 /// The least slope of displacement over voltage, both in units: no piezo's is less after a turn.
 const LEAST_SLOPE: f64 = 0.2;
 
-/// So many turns are remembered. Of more those two are forgotten between which the voltage went least.
+/// So many turns are remembered. Of more those two are forgotten without which the rest tells nearly the same.
 const TURNS: usize = 40;
 
 /// A displacement that is nearer than this to where the piezo is is there, units: what rounding makes of it is no turn. Less than a millionth of
@@ -175,7 +175,7 @@ impl Turns {
     }
 
     /// Turns round, if what comes next lies the other way.
-    fn face(&mut self, rising: bool) {
+    fn face(&mut self, everett: &Everett, rising: bool) {
         if rising == self.rising {
             return;
         }
@@ -186,18 +186,23 @@ impl Turns {
             return;
         }
         if self.n == TURNS {
-            self.forget_least();
+            self.forget_least(everett);
         }
         self.past[self.n] = self.now;
         self.n += 1;
     }
 
-    /// Forgets the two neighbours between which the voltage went least. Never the last turn: from there the way ahead goes on, also one that
-    /// turns back at once.
-    fn forget_least(&mut self) {
-        let apart = |k: usize| (self.past[k].volts - self.past[k + 1].volts).abs();
+    /// Forgets the two neighbours without which the turn after them is most nearly where it is: by so much the piezo leaps once that is passed.
+    /// That is not the smallest loop: lines to and fro between two ends leave wide loops that are all but one and the same, of which all but one
+    /// are to be forgotten before any circle. Never the last turn: from there the way ahead goes on, also one that turns back at once.
+    fn forget_least(&mut self, everett: &Everett) {
+        let leap = |k: usize| {
+            let (from, to) = (self.past[k - 1], self.past[k + 2]);
+            let way = everett.way(from.volts, to.volts, to.volts > from.volts);
+            (from.displacement + way - to.displacement).abs()
+        };
         let neighbours = 1..self.n - 2;
-        let least = neighbours.min_by(|a, b| apart(*a).total_cmp(&apart(*b)));
+        let least = neighbours.min_by(|a, b| leap(*a).total_cmp(&leap(*b)));
         if let Some(least) = least {
             self.past.copy_within(least + 2..self.n, least);
             self.n -= 2;
@@ -215,7 +220,7 @@ impl Turns {
         if volts == self.now.volts {
             return;
         }
-        self.face(volts > self.now.volts);
+        self.face(everett, volts > self.now.volts);
         let passed = |turn: Turn, rising: bool| {
             if rising {
                 volts >= turn.volts
@@ -252,12 +257,13 @@ impl Turns {
         if (wanted - self.now.displacement).abs() <= ROUNDING {
             return self.now.volts;
         }
-        self.face(wanted > self.now.displacement);
+        self.face(everett, wanted > self.now.displacement);
+        // As far as a turn but for rounding is as far: whoever goes to and fro between two places leaves two turns, however often.
         let passed = |turn: Turn, rising: bool| {
             if rising {
-                wanted >= turn.displacement
+                wanted >= turn.displacement - ROUNDING
             } else {
-                wanted <= turn.displacement
+                wanted <= turn.displacement + ROUNDING
             }
         };
         while self.ahead().is_some_and(|turn| passed(turn, self.rising)) {
@@ -342,8 +348,8 @@ mod tests {
             piezo.follow(&everett, 5.0);
             let before = piezo;
             // There and back, and no way between.
-            piezo.face(!piezo.rising);
-            piezo.face(!piezo.rising);
+            piezo.face(&everett, !piezo.rising);
+            piezo.face(&everett, !piezo.rising);
             let after = |mut piezo: Turns, by: f64| {
                 piezo.follow(&everett, 5.0 + by);
                 piezo.displacement()
@@ -375,6 +381,63 @@ mod tests {
             piezo.follow(&everett, volts);
             let off = piezo.displacement() - without.displacement();
             assert!(off.abs() < 1e-9, "{volts}: {off}");
+        }
+    }
+
+    /// Ever smaller circles around a middle.
+    fn circles(everett: &Everett, piezo: &mut Turns) {
+        for k in 0..TURNS {
+            let far = 0.4 * 0.97_f64.powf(k as f64);
+            piezo.follow(everett, if k % 2 == 0 { 5.5 + far } else { 5.5 - far });
+        }
+    }
+
+    /// A search's lines filled the memory with one and the same loop; circles were forgotten in its favour, and a fiber that came to rest from them
+    /// leapt by half a micrometre.
+    #[test]
+    fn wide_loops_that_are_nearly_one_are_forgotten_before_small_ones() {
+        let everett = bending();
+        let (mut piezo, mut once) = (Turns::bottom(&everett), Turns::bottom(&everett));
+        once.follow(&everett, 9.5);
+        once.follow(&everett, 0.5);
+        for k in 0..TURNS {
+            let shorter = 1e-6 * k as f64;
+            piezo.follow(&everett, 9.5 - shorter);
+            piezo.follow(&everett, 0.5 + shorter);
+        }
+        circles(&everett, &mut piezo);
+        circles(&everett, &mut once);
+        for volts in [5.6, 5.4, 5.8, 5.2, 6.0, 5.0] {
+            piezo.follow(&everett, volts);
+            once.follow(&everett, volts);
+            let off = piezo.displacement() - once.displacement();
+            assert!(off.abs() < 1e-4, "{volts}: {off}");
+        }
+    }
+
+    #[test]
+    fn lines_to_and_fro_between_the_same_two_places_leave_the_turns_of_the_first() {
+        let everett = bending();
+        let limits = Range {
+            low: 0.0,
+            high: UNITS,
+        };
+        // Of ends of any kind, for rounding is lucky with some.
+        for far in (0..30).map(|k| 0.3 + 0.107 * f64::from(k)) {
+            let mut piezo = Turns::cycled(&everett, 5.0);
+            let middle = piezo.displacement();
+            let mut lines = |many: usize| {
+                for line in 0..many {
+                    let to = if line % 2 == 0 { far } else { -far };
+                    for step in (0..20).rev() {
+                        let share = 1.0 - f64::from(step) / 10.0;
+                        piezo.reach(&everett, middle + to * share, &limits);
+                    }
+                }
+                piezo.n
+            };
+            let first = lines(2);
+            assert_eq!(lines(3 * TURNS), first, "{far}");
         }
     }
 
