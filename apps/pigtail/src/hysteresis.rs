@@ -163,9 +163,13 @@ pub(crate) fn identify(arguments: &IdentifyArguments) -> Result<u8, Failure> {
         unit,
         understood,
         remarks,
+        timed,
     } = data_file.record(&columns, arguments.unit)?;
     let mut tried =
         fit(record, arguments.model).map_err(|invalid| data_file.explain(&invalid, &columns))?;
+    if timed {
+        tried.doubt_lag();
+    }
     tried.document.read = understood;
     tried.document.remarks.splice(0..0, remarks);
     let seed = arguments.common.seed;

@@ -107,6 +107,15 @@ pub fn notes(document: &MapDocument) -> Vec<String> {
              it is scanned, which no map tells from a peak elsewhere."
         ));
     }
+    if let Some(late) = document.a_reading_late_um
+        && late > 0.0
+    {
+        let unit = document.place_unit;
+        notes.push(format!(
+            "All of its lines go one way: were powers written a reading late, the peak would be {late:.3} {unit} elsewhere along them, and no such map \
+             shows that. What is said does not allow for it; a map to and fro would tell."
+        ));
+    }
     if let Some(light) = document.unsteady_light_percent
         && light > NOTICEABLE
     {

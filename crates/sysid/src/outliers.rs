@@ -25,6 +25,9 @@ const OF_WAY: f64 = 0.03;
 /// Longest run of bad samples that is bridged.
 const LONGEST: usize = 12;
 
+/// Most places at which a column may step: where there are more, rows are missing that no stamp shows, or a counter loses counts.
+pub const MOST_STEPS: usize = 8;
+
 /// Share of a column's samples beyond which misses are its noise, not spikes.
 const MANY: f64 = 0.03;
 
@@ -102,15 +105,19 @@ fn mend(column: &mut [f64], most: f64, aside: &mut SetAside) -> Vec<Range<usize>
     let mut cuts = Vec::new();
     for cluster in clusters {
         // A step spread over some samples is smooth too: whether it is one is asked before longer runs are bridged.
-        let mended = bridge(column, &cluster, most, 1..=1)
-            .ok_or(())
-            .or_else(|()| match step(column, &cluster, most) {
-                Some(cut) => Err(cut),
-                None => bridge(column, &cluster, most, 2..=LONGEST)
-                    .ok_or(cluster.start.saturating_sub(2)..(cluster.end + 2).min(n)),
-            });
+        let mended = match (
+            bridge(column, &cluster, most, 1..=1),
+            step(column, &cluster, most),
+        ) {
+            // A bridge over a small step is nearly smooth: what leaves less is what it was.
+            (Some(one), Some((_, left))) if one.left <= left => Ok(one),
+            (_, Some((cut, _))) => Err(cut..cut),
+            (Some(one), None) => Ok(one),
+            (None, None) => bridge(column, &cluster, most, 2..=LONGEST)
+                .ok_or(cluster.start.saturating_sub(2)..(cluster.end + 2).min(n)),
+        };
         match mended {
-            Ok((run, values)) => {
+            Ok(Bridge { run, values, .. }) => {
                 aside.spikes += run.len();
                 column[run].copy_from_slice(&values);
             }
@@ -123,13 +130,25 @@ fn mend(column: &mut [f64], most: f64, aside: &mut SetAside) -> Vec<Range<usize>
     cuts
 }
 
+/// Largest miss of a column.
+fn largest(column: &[f64]) -> f64 {
+    column.windows(5).map(|w| miss(w).abs()).fold(0.0, f64::max)
+}
+
+/// A run of samples, what they should have been, and the largest miss that leaves around.
+struct Bridge {
+    run: Range<usize>,
+    values: Vec<f64>,
+    left: f64,
+}
+
 /// The shortest run in a cluster without which the column is smooth, and what it should have been.
 fn bridge(
     column: &[f64],
     cluster: &Range<usize>,
     most: f64,
     lengths: RangeInclusive<usize>,
-) -> Option<(Range<usize>, Vec<f64>)> {
+) -> Option<Bridge> {
     let n = column.len();
     let (low, high) = (
         cluster.start.saturating_sub(2).max(2),
@@ -160,22 +179,25 @@ fn bridge(
             window[start - from..end - from].copy_from_slice(&values);
             // A curve over a long run is not as near as one through neighbours.
             let room = most * (1.0 + 0.5 * length as f64);
-            if window.windows(5).all(|w| miss(w).abs() <= room) {
-                return Some((start..end, values));
+            let left = largest(&window);
+            if left <= room {
+                let run = start..end;
+                return Some(Bridge { run, values, left });
             }
         }
     }
     None
 }
 
-/// Where a column steps in a cluster, smooth before and behind.
-fn step(column: &[f64], cluster: &Range<usize>, most: f64) -> Option<Range<usize>> {
+/// Where a column steps in a cluster, smooth before and behind, and the largest miss there.
+fn step(column: &[f64], cluster: &Range<usize>, most: f64) -> Option<(usize, f64)> {
     let n = column.len();
     let (low, high) = (cluster.start.saturating_sub(6), (cluster.end + 6).min(n));
-    let clean = |range: Range<usize>| column[range].windows(5).all(|w| miss(w).abs() <= most);
+    let left = |cut: usize| largest(&column[low..cut]).max(largest(&column[cut..high]));
     (cluster.start..=cluster.end)
-        .find(|cut| clean(low..*cut) && clean(*cut..high))
-        .map(|cut| cut..cut)
+        .map(|cut| (cut, left(cut)))
+        .min_by(|a, b| a.1.total_cmp(&b.1))
+        .filter(|(_, left)| *left <= most)
 }
 
 /// Sets aside single samples of a column that may jump, such as a voltage: those whose neighbours agree with each
@@ -253,11 +275,15 @@ mod tests {
         for x in &mut bad[3000..] {
             *x += 5e-4;
         }
+        // Spread over one sample this would be nearly smooth.
+        for x in &mut bad[3500..] {
+            *x += 8e-5;
+        }
         let mut record = even(&time, &[&bad]).unwrap();
         let aside = smooth(&mut record, 0);
         assert_eq!(
             (aside.spikes, aside.steps, record.stretches.len()),
-            (6, 1, 2)
+            (6, 2, 3)
         );
         for (k, x) in record.stretches[0].columns[0].iter().enumerate() {
             assert!((x - good[k]).abs() < 1e-5, "{k}: {x} for {}", good[k]);

@@ -42,6 +42,8 @@ pub struct Read {
     pub understood: String,
     /// What was done to it.
     pub remarks: Vec<String>,
+    /// Whether it says how long its samples are apart.
+    pub timed: bool,
 }
 
 /// Time, displacement and voltage.
@@ -191,7 +193,8 @@ impl Data {
         remarks.extend(columns::remarks(&read[2..]));
         let even = columns::on_even_grid(&self.path, &read, 100)?;
         remarks.extend(even.remarks());
-        if found.time.is_none() && self.rate.is_none() && self.table.period().is_none() {
+        let timed = found.time.is_some() || self.rate.is_some() || self.table.period().is_some();
+        if !timed {
             remarks.push("no column of time: samples are taken to be a second apart".to_owned());
         }
         let uneven =
@@ -224,6 +227,7 @@ impl Data {
             unit,
             understood,
             remarks,
+            timed,
         })
     }
 
@@ -241,6 +245,14 @@ impl Data {
                 let message = format!(
                     "{} samples stand apart as no motion makes them; accepted are few",
                     spikes.spikes
+                );
+                return Err(self.table.error(&*found.output, message));
+            }
+            if spikes.steps > outliers::MOST_STEPS {
+                let message = format!(
+                    "jumps as no motion does at {} places; accepted are {}",
+                    spikes.steps,
+                    outliers::MOST_STEPS
                 );
                 return Err(self.table.error(&*found.output, message));
             }

@@ -313,6 +313,23 @@ pub struct Tried {
     pub model: Model,
 }
 
+impl Tried {
+    /// Doubts a model of a record that says how long its samples are apart where it lags as no piezo does: its times are in another unit.
+    pub fn doubt_lag(&mut self) {
+        /// Seconds and sample periods: amplifiers and sensors take milliseconds, and what is averaged over a sample lags by half of it.
+        const LONGEST: f64 = 0.3;
+        const PERIODS: f64 = 1.5;
+        let n = self.record.len();
+        let period = (self.record.time[n - 1] - self.record.time[0]) / (n - 1) as f64;
+        let lag = self.model.lag();
+        if lag > LONGEST.max(PERIODS * period) && self.document.doubt.is_empty() {
+            self.document.doubt = format!(
+                "displacement lags behind voltage by {lag:.2} s, which no piezo does, of samples {period:.3} s apart: are times in another unit?"
+            );
+        }
+    }
+}
+
 /// Fits a model to the first part of a record, and judges it on both parts.
 ///
 /// # Errors

@@ -221,6 +221,9 @@ pub struct MapDocument {
     pub unsteady_light_percent: Option<f64>,
     /// ...and how far aside of each other they are, rms, micrometres.
     pub unsteady_aside_um: Option<f64>,
+    /// By how much the peak would be elsewhere for powers that are a reading late, where all lines go one way and none would show,
+    /// micrometres: nothing that is said allows for it. Zero where the way turns; `null` without a peak.
+    pub a_reading_late_um: Option<f64>,
     /// Standard deviation of a reading from that peak, in `power_unit`.
     pub noise: Option<f64>,
     /// Distance of neighbours, micrometres.
@@ -410,6 +413,7 @@ pub fn try_on(map: &str, read: &Map, start: Option<Displacement>, accuracy: Opti
         deviation_by_readings_um: all.map(|all| digits(all.deviation * 1e6)),
         unsteady_light_percent: all.map(|all| rounded(100.0 * all.unsteady.light, 0.01)),
         unsteady_aside_um: all.map(|all| digits(all.unsteady.aside * 1e6)),
+        a_reading_late_um: all.map(|all| digits(all.late * 1e6)),
         noise: all.map(|all| digits(all.noise)),
         spacing_um: rounded(scan.spacing() * 1e6, 1e-4),
         power_unit: read.power.linear_name(),

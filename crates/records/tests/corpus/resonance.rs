@@ -163,6 +163,20 @@ const CASES: &[(&str, Wanted, Mangle)] = &[
         |rows, _| smoothed(rows, 15, false, true),
     ),
     (
+        "phases that are means of 25 points",
+        Wanted::Either,
+        |rows, _| smoothed(rows, 25, false, true),
+    ),
+    (
+        "two responses in one, the other one's modes 3 % higher",
+        Wanted::Refused,
+        |rows, _| {
+            let higher: Rows = rows.iter().map(|r| [1.03 * r[0], r[1], r[2]]).collect();
+            rows.extend(higher);
+            rows.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        },
+    ),
+    (
         "magnitudes and phases that are means of 15 points",
         Wanted::Either,
         |rows, _| smoothed(rows, 15, true, true),

@@ -15,6 +15,9 @@ pub struct Examined {
     pub deviation: f64,
     /// What changed while it was scanned.
     pub unsteady: Unsteady,
+    /// By how much it would be elsewhere for powers that are a reading late, where all lines go one way and none would show; metres. Nothing that
+    /// is said of it allows for that.
+    pub late: f64,
     /// Standard deviation of a reading from the shape.
     pub noise: f64,
     /// The share of the readings' variance that the shape explains.
@@ -191,7 +194,7 @@ fn attempt(scan: &Scan, numbered: &[(usize, Datum)]) -> Result<Examined, Refused
             Some(found.shape),
         )));
     }
-    check(scan, &found, &all, (noise, own_noise), &whole)
+    let late = check(scan, &found, &all, (noise, own_noise), &whole)
         .and_then(|()| surround::check(scan, &found, &all, (noise, own_noise)))
         .and_then(|()| gone::check(&found, &read, !matches!(fold, Folding::Plain)))
         .and_then(|()| late::check(scan, &found, &all))
@@ -236,6 +239,7 @@ fn attempt(scan: &Scan, numbered: &[(usize, Datum)]) -> Result<Examined, Refused
     Ok(Examined {
         peak: found.shape,
         unsteady,
+        late,
         deviation,
         noise,
         explained: 1.0 - (found.squares / whole.squares).min(1.0),

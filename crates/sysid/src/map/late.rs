@@ -1,6 +1,7 @@
 //! Powers that were written some readings late: each belongs to the place of an earlier reading.
 //!
-//! Along rows that are all scanned the same way such a map is one of a peak elsewhere, and nothing in it shows that. Where the way turns, as in
+//! Along rows that are all scanned the same way such a map is one of a peak elsewhere, and nothing in it shows that: it
+//! can only be said. Where the way turns, as in
 //! a spiral or to and fro, places come apart that are neighbours, and with the powers put back the peak is told far better.
 
 use super::shape::{Datum, Fit, NUMBERS, Shape, fit};
@@ -27,8 +28,9 @@ const SIGNIFICANT: f64 = 16.0;
 /// More readings than about so many tell nothing new.
 const ENOUGH: usize = 3000;
 
-/// Refuses a peak that is told far better by the places of other readings.
-pub(super) fn check(scan: &Scan, found: &Fit, all: &[(usize, Datum)]) -> Result<(), Refusal> {
+/// Refuses a peak that is told far better by the places of other readings. Where none of them would show: by how much the peak
+/// would be elsewhere for powers that are a reading late; metres.
+pub(super) fn check(scan: &Scan, found: &Fit, all: &[(usize, Datum)]) -> Result<f64, Refusal> {
     let readings = &scan.readings;
     let within = MOST..readings.len().saturating_sub(MOST);
     let stride = all.len().div_ceil(ENOUGH) | 1;
@@ -37,8 +39,12 @@ pub(super) fn check(scan: &Scan, found: &Fit, all: &[(usize, Datum)]) -> Result<
     let rows = all.iter().filter(|(_, d)| plain(d)).map(|(k, _)| *k);
     let rows: Vec<usize> = rows.step_by(stride).collect();
     let rows: Vec<usize> = rows.into_iter().filter(|k| within.contains(k)).collect();
-    if rows.len() <= 2 * NUMBERS || !turns(scan, found, &rows) {
-        return Ok(());
+    if rows.len() <= 2 * NUMBERS {
+        return Ok(0.0);
+    }
+    let (length, turns) = way(scan, found, &rows);
+    if !turns {
+        return Ok(length);
     }
     let squares = |late: isize| -> Option<f64> {
         let place = |k: usize| readings[k.checked_add_signed(-late).unwrap_or(k)].at;
@@ -67,16 +73,16 @@ pub(super) fn check(scan: &Scan, found: &Fit, all: &[(usize, Datum)]) -> Result<
         .filter_map(|late| Some((squares(late)?, late)))
         .min_by(|a, b| a.0.total_cmp(&b.0));
     let (Some(plain), Some((left, late))) = (squares(0), best) else {
-        return Ok(());
+        return Ok(0.0);
     };
     if left < BETTER * plain && plain - left > SIGNIFICANT * left / rows.len() as f64 {
         return Err(Refusal::Late { readings: late });
     }
-    Ok(())
+    Ok(0.0)
 }
 
-/// Whether the way from reading to reading turns on the peak.
-fn turns(scan: &Scan, found: &Fit, rows: &[usize]) -> bool {
+/// How far it is from reading to reading on the peak, metres, and whether the way turns there.
+fn way(scan: &Scan, found: &Fit, rows: &[usize]) -> (f64, bool) {
     let steps: Vec<Displacement> = rows
         .iter()
         .filter(|k| found.shape.share(scan.readings[**k].at) > BRIGHT)
@@ -91,5 +97,5 @@ fn turns(scan: &Scan, found: &Fit, rows: &[usize]) -> bool {
     let others = steps
         .iter()
         .filter(|s| (**s - usual).norm() > OTHERWISE * length);
-    others.count() as f64 > TURNS * steps.len() as f64
+    (length, others.count() as f64 > TURNS * steps.len() as f64)
 }

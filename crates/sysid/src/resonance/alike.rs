@@ -7,8 +7,10 @@
 use super::Record;
 use super::search::{extend, squares};
 use crate::Unknown;
+use crate::steady::chi_squared;
 use nalgebra::DVector;
 use pigtail_numerics::nonlinear::{minimise, uncertainty_of_points};
+use pigtail_numerics::signal::{independent, rms};
 use std::f64::consts::TAU;
 
 /// How much counts what is left along a point's response, its magnitude, and across it, its phase. None of the two alone tells a size.
@@ -16,6 +18,9 @@ const LEANS: [[f64; 2]; 2] = [[1.0, 0.02], [0.02, 1.0]];
 
 /// How much more points count that lie within a mode's half width, and less.
 const NEARER: f64 = 5.0;
+
+/// Half widths beyond which a point tells nothing of a mode.
+const ELSEWHERE: f64 = 3.0;
 
 /// A damping is another one where two sides differ by this share, and by so many deviations.
 const OTHER: f64 = 0.1;
@@ -112,6 +117,46 @@ fn two(records: &[Record; 2], names: [&'static str; 2], coded: &[f64]) -> Option
     Some(sides.collect())
 }
 
+/// What is left on each mode's peak, as a share of the response there, beyond what is left elsewhere; zero where it is not more than chance
+/// would leave once in ten thousand times.
+///
+/// A peak's height goes as one over its damping, and its place is known to a half width: what a model leaves there of the response is a share of
+/// either by which it is open. Points that were smoothed, two responses in one, a peak that moved meanwhile leave it, for these change a
+/// response where it bends. `left` is of each point, once for each part of the response.
+pub(super) fn misfit(record: &Record, left: &[&[f64]], modes: &[f64]) -> Vec<f64> {
+    let from = |k: usize, i: usize| {
+        let own = modes[2 * k].exp();
+        (TAU * record.frequency[i] - own).abs() / (modes[2 * k + 1].exp() * own)
+    };
+    let count = modes.len() / 2;
+    let points = || 0..record.frequency.len();
+    let elsewhere: Vec<usize> = points()
+        .filter(|i| (0..count).all(|k| from(k, *i) > ELSEWHERE))
+        .collect();
+    let power = |of: &[usize]| {
+        let all = left.iter().flat_map(|part| of.iter().map(|i| part[*i]));
+        rms(all).powi(2)
+    };
+    let usual = power(&elsewhere);
+    let part: Vec<f64> = elsewhere.iter().map(|i| left[0][*i]).collect();
+    let own = independent(&part) / part.len() as f64;
+    let open = |k: usize| {
+        let near: Vec<usize> = points().filter(|i| from(k, *i) < 1.0).collect();
+        let freedom = (own * (left.len() * near.len()) as f64).max(1.0);
+        let there = power(&near);
+        // Of none there is nothing, and nothing is not more.
+        if there > usual * chi_squared(freedom) / freedom {
+            let size = rms(near
+                .iter()
+                .map(|i| record.weight[*i] * record.response[*i].norm()));
+            ((there - usual) * left.len() as f64).sqrt() / size
+        } else {
+            0.0
+        }
+    };
+    (0..count).map(open).collect()
+}
+
 /// Whether the magnitude that is told has one peak alone from a half width below the first of two modes to one above the second. Each is
 /// its frequency, Hz, and its half width.
 pub(super) fn one_peak(
@@ -158,4 +203,36 @@ pub(super) fn few_enough(record: &Record, coded: &[f64], worth: f64) -> Result<(
         more[2 * record.modes(coded)].exp() / TAU,
         100.0 * with / without
     )))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Complex;
+
+    #[test]
+    fn what_is_left_on_a_peak_is_a_misfit_and_what_is_left_everywhere_is_none() {
+        let frequency: Vec<f64> = (0..400).map(|k| 50.0 + 0.25 * f64::from(k)).collect();
+        let response = vec![Complex::new(2.0, 0.0); 400];
+        let record = Record {
+            weight: vec![0.5; 400],
+            frequency,
+            response,
+            ..Record::default()
+        };
+        let modes = [(TAU * 100.0).ln(), 0.02_f64.ln()];
+        let noise: Vec<f64> = (0..400)
+            .map(|k| 0.01 * (f64::from(k * 7919 % 1000) / 500.0 - 1.0))
+            .collect();
+        assert_eq!(misfit(&record, &[&noise, &noise], &modes), [0.0]);
+        let bent: Vec<f64> = noise
+            .iter()
+            .zip(&record.frequency)
+            .map(|(n, f)| n + if (f - 100.0).abs() < 2.0 { 0.1 } else { 0.0 })
+            .collect();
+        let open = misfit(&record, &[&bent, &noise], &modes)[0];
+        assert!((open - 0.1).abs() < 0.005, "{open}");
+        let open = misfit(&record, &[&bent], &modes)[0];
+        assert!((open - 0.1).abs() < 0.005, "{open}");
+    }
 }

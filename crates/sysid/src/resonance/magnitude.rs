@@ -203,7 +203,9 @@ pub(super) fn identify(record: &Record) -> Result<Identified, Unknown> {
     let mut at = all[..2 * modes].to_vec();
     at.push(0.0);
     let values = phased.linear(&at).map_or_else(Vec::new, |(v, _)| v);
-    let (parameters, mut unknown) = stated_modes(&phased, &all, &solution, None, (&at, &values));
+    let left = own.residuals(&all);
+    let (parameters, mut unknown) =
+        stated_modes(&phased, &all, &solution, (None, &[&left]), (&at, &values));
     unknown.push(Unknown {
         parameters: vec!["delay"],
         because: "it has no phase: a delay leaves no trace in magnitude".to_owned(),

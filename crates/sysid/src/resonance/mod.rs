@@ -83,22 +83,23 @@ pub struct Identified {
     pub set_aside: Vec<f64>,
 }
 
-/// Frequency and damping of each mode in rising order, and what is not known of them: by what magnitude and phase say, and by the response
-/// that a model's searched numbers and linear parts tell.
+/// Frequency and damping of each mode in rising order, and what is not known of them: by what magnitude and phase say, by what is left of
+/// each part of the response, and by the response that a model's searched numbers and linear parts tell.
 fn stated_modes(
     record: &Record,
     coded: &[f64],
     solution: &Solution,
-    sides: Option<&[Sides]>,
+    (sides, left): (Option<&[Sides]>, &[&[f64]]),
     model: (&[f64], &[f64]),
 ) -> (Vec<(&'static str, Known)>, Vec<Unknown>) {
     let mut order: Vec<usize> = (0..record.modes(model.0)).collect();
+    let misfit = alike::misfit(record, left, &coded[..2 * order.len()]);
     order.sort_by(|a, b| coded[2 * a].total_cmp(&coded[2 * b]));
     let mut parameters = Vec::new();
     let mut unknown = Vec::new();
     for (names, k) in NAMES.iter().zip(&order) {
         let off = |j: usize| sides.map_or(0.0, |s| s[j].off());
-        let scaled = |j: usize, size: f64| Known {
+        let scaled = |j: usize, size: f64, open: f64| Known {
             value: coded[j].exp() * size,
             std: coded[j].exp() * size * solution.std[j],
             // Neighbours that go together make nothing surer: where a narrow peak rests on few batches, their scatter
@@ -107,9 +108,12 @@ fn stated_modes(
                 * size
                 * solution.std_correlated[j]
                     .max(solution.std[j])
-                    .hypot(off(j)),
+                    .hypot(off(j))
+                    .hypot(open),
         };
-        let (frequency, damping) = (scaled(2 * k, 1.0 / TAU), scaled(2 * k + 1, 1.0));
+        let (open, width) = (misfit[*k], coded[2 * k + 1].exp());
+        let frequency = scaled(2 * k, 1.0 / TAU, width * open);
+        let damping = scaled(2 * k + 1, 1.0, open);
         doubt(record, names, &frequency, &damping, &mut unknown);
         let of_damping = sides.map(|s| s[2 * k + 1]);
         if let Some(sides) = of_damping.filter(|s| s.differ()) {
@@ -329,18 +333,22 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
         .map(|i| Complex::new(product[i], product[n + i]) / record.weight[i].max(1e-300))
         .collect();
     let sides = alike::sides(record, &coded);
+    let left = record.residuals(&coded);
     let (mut parameters, mut unknown) = stated_modes(
         record,
         &coded,
         &solution,
-        sides.as_deref(),
+        (sides.as_deref(), &[&left[..n], &left[n..]]),
         (&coded, &values),
     );
     let top = TAU * record.highest();
     let delay = Known {
         value: coded[2 * modes] / top,
         std: solution.std[2 * modes] / top,
-        std_correlated: solution.std_correlated[2 * modes].max(delay_spread(record, &coded)) / top,
+        std_correlated: solution.std_correlated[2 * modes]
+            .max(solution.std[2 * modes])
+            .max(delay_spread(record, &coded))
+            / top,
     };
     let steps: Vec<f64> = record.frequency.windows(2).map(|w| w[1] - w[0]).collect();
     let longest = 0.5 / quantile(&steps, 0.5);
@@ -383,9 +391,20 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
 /// How far the delay moves with what nobody knows of the model, as it is searched: whether modes are of proportional
 /// damping, a real pole more or less, the lower or the upper half of the points alone.
 fn delay_spread(record: &Record, coded: &[f64]) -> f64 {
+    /// Deviations of its own by which another delay is another one: what hardly tells a delay says nothing against it.
+    const ANOTHER: f64 = 2.0;
     let at = 2 * record.modes(coded);
     let own = coded[at];
     let mut others = Vec::new();
+    let mut by_model = |model: &Record, other: &[f64]| {
+        let known = uncertainty_of_points(|c| model.residuals(c), other);
+        let known = known.map(|s| s.std[at].max(s.std_correlated[at]));
+        others.extend(
+            known
+                .filter(|known| (other[at] - own).abs() > ANOTHER * known)
+                .map(|_| other[at]),
+        );
+    };
     let turned = Record {
         skewed: !record.skewed,
         ..record.clone()
@@ -394,12 +413,12 @@ fn delay_spread(record: &Record, coded: &[f64]) -> f64 {
         // A model that tells much worse says nothing.
         let left = |record: &Record, coded: &[f64]| squares(&record.residuals(coded));
         if left(&turned, &other) < 2.0 * left(record, coded) {
-            others.push(other[at]);
+            by_model(&turned, &other);
         }
     }
     let more = record.with_poles(record.poles + 1);
     if let Some(other) = extend_pole(&more, coded) {
-        others.push(other[at]);
+        by_model(&more, &other);
     }
     // With modes and poles as they are, by a part of the points.
     let n = record.frequency.len();
@@ -419,9 +438,8 @@ fn delay_spread(record: &Record, coded: &[f64]) -> f64 {
         };
         let known = uncertainty_of_points(residuals, &[own]).map(|s| s.std_correlated[0]);
         let found = minimise(residuals, &[own]).map(|(d, _)| d[0]);
-        // A part that hardly tells a delay says nothing against another.
         if let (Some(found), Some(known)) = (found, known)
-            && (found - own).abs() > 2.0 * known
+            && (found - own).abs() > ANOTHER * known
         {
             others.push(found);
         }

@@ -259,9 +259,6 @@ pub const LEAST: usize = 100;
 /// Share of the highest speed below which an axis may stick.
 const SLOW: f64 = 0.1;
 
-/// Most places where a position may jump, and the record be cut.
-const MOST_STEPS: usize = 8;
-
 /// Fewest equations.
 const LEAST_EQUATIONS: usize = 60;
 
@@ -647,7 +644,7 @@ fn cleaned(record: &Record, remarks: &mut Vec<String>) -> Result<Record, Unknown
             counted(volts, "single sample")
         ));
     }
-    if position.steps > MOST_STEPS {
+    if position.steps > outliers::MOST_STEPS {
         return Err(Unknown::all(format!(
             "its position jumps as no motion does at {} places: rows are missing that no stamp shows, or the encoder \
              loses counts",
