@@ -50,14 +50,15 @@ impl<'r> NinePoint<'r> {
         }
     }
 
-    /// Visits the nine points around the centre; the light at each, volts.
-    async fn pattern(&self, cell: &AlignmentCell<'_>) -> Result<[f64; 9], Halt> {
+    /// Visits the nine points around the centre, or the same way `back`; the light at each, volts.
+    async fn pattern(&self, cell: &AlignmentCell<'_>, back: bool) -> Result<[f64; 9], Halt> {
         let centre = self.centre;
         let mut light = [0.0; 9];
-        for (way, light) in PATTERN.iter().zip(&mut light) {
-            cell.move_micro(self.side, centre + *way * self.step)?;
+        for k in 0..PATTERN.len() {
+            let k = if back { PATTERN.len() - 1 - k } else { k };
+            cell.move_micro(self.side, centre + PATTERN[k] * self.step)?;
             // A dwell shorter than the photodiode's period waits for it.
-            *light = cell.last_light(self.channel, self.climb.dwell).await?;
+            light[k] = cell.last_light(self.channel, self.climb.dwell).await?;
         }
         Ok(light)
     }
@@ -68,7 +69,7 @@ impl<'r> NinePoint<'r> {
     ///
     /// A fault, or [`Outcome::MicroRange`] when the micro has come to the end of its range.
     pub async fn step(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
-        let light = self.pattern(cell).await?;
+        let light = self.pattern(cell, false).await?;
         let to = PATTERN[brightest(&light)];
         self.shift(cell, to)?;
         if let Some(widest) = self.climb.widest {
@@ -134,6 +135,9 @@ impl<'r> NinePoint<'r> {
     /// their means is known to `accuracy` metres (one standard deviation, in either direction),
     /// and moves there. At least `patterns` of them, unless the climb's timeout comes first.
     ///
+    /// Patterns go to and fro, as often either way: a micro that has not come to rest at a point is as far before it on one way as
+    /// beyond it on the other.
+    ///
     /// The thesis rests on the brightest of nine noisy points. Close to the peak those differ by
     /// less than the photodiode's noise, so that the last centre is a draw from a cloud as wide
     /// as a step; the vertex is not.
@@ -153,7 +157,7 @@ impl<'r> NinePoint<'r> {
         // Sum of squared deviations from the means, all points together.
         let (mut count, mut squares) = (0_u32, 0.0);
         loop {
-            let light = self.pattern(cell).await?;
+            let light = self.pattern(cell, !count.is_multiple_of(2)).await?;
             count += 1;
             for (mean, volts) in mean.iter_mut().zip(light) {
                 let deviation = volts - *mean;
@@ -161,7 +165,8 @@ impl<'r> NinePoint<'r> {
                 squares += deviation * (volts - *mean);
             }
             let late = cell.now() > end;
-            if count < patterns.max(2) && !late {
+            let both_ways = count.is_multiple_of(2);
+            if (count < patterns.max(2) || !both_ways) && !late {
                 continue;
             }
             let variance = squares / (9.0 * f64::from(count.max(2) - 1));
