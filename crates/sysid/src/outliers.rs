@@ -28,6 +28,9 @@ const LONGEST: usize = 12;
 /// Most places at which a column may step: where there are more, rows are missing that no stamp shows, or a counter loses counts.
 pub const MOST_STEPS: usize = 8;
 
+/// A step tells a column so many times better than a bad sample does, by the largest miss. A choice, after small spikes had been taken for steps.
+const CLEARLY: f64 = 2.0;
+
 /// Share of a column's samples beyond which misses are its noise, not spikes.
 const MANY: f64 = 0.03;
 
@@ -109,8 +112,8 @@ fn mend(column: &mut [f64], most: f64, aside: &mut SetAside) -> Vec<Range<usize>
             bridge(column, &cluster, most, 1..=1),
             step(column, &cluster, most),
         ) {
-            // A bridge over a small step is nearly smooth: what leaves less is what it was.
-            (Some(one), Some((_, left))) if one.left <= left => Ok(one),
+            // A bridge over a small step is nearly smooth: it is a step where that leaves much less. Where noise decides, it is a bad sample.
+            (Some(one), Some((_, left))) if one.left <= CLEARLY * left => Ok(one),
             (_, Some((cut, _))) => Err(cut..cut),
             (Some(one), None) => Ok(one),
             (None, None) => bridge(column, &cluster, most, 2..=LONGEST)

@@ -316,9 +316,10 @@ pub struct Tried {
 impl Tried {
     /// Doubts a model of a record that says how long its samples are apart where it lags as no piezo does: its times are in another unit.
     pub fn doubt_lag(&mut self) {
-        /// Seconds and sample periods: amplifiers and sensors take milliseconds, and what is averaged over a sample lags by half of it.
+        /// Seconds and sample periods: amplifiers and sensors take milliseconds, and what is averaged over a sample and held for another lags by
+        /// one. Set after records whose milliseconds were read as seconds lagged by 1.49.
         const LONGEST: f64 = 0.3;
-        const PERIODS: f64 = 1.5;
+        const PERIODS: f64 = 1.0;
         let n = self.record.len();
         let period = (self.record.time[n - 1] - self.record.time[0]) / (n - 1) as f64;
         let lag = self.model.lag();
