@@ -108,7 +108,7 @@ topic! {
         /// The same where the micro rings: so slow a change excites it little.
         gentle: f64 = 2.0, "turns", Choice;
         /// A spot narrower than so many times its design may be one that a micro near its resonance goes around farther than it is told to. Set
-        /// after a fiber was attached that swung by 0.1 um: there it was 0.76. Of `nominal` it is 0.96 to 1.06.
+        /// after a fiber was attached that swung by 0.1 um: there it was 0.76. Of three devices of `nominal` it is 0.96 to 1.06.
         as_told: f64 = 0.93, "designed widths", Choice;
         /// How far it may swing, at most, before it comes to rest, where that does not die away: then it may be noise. What shakes
         /// is told apart from that by all turns together.

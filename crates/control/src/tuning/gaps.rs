@@ -207,6 +207,6 @@ topic! {
         beside: f64 = 0.5, "sigma", Equation;
         /// ...and tips have moved where the sum of how far frames lie beyond that is more than this: where nothing moves, once in 140,000
         /// frames to either side, by the usual approximation of a mean run.
-        moved: f64 = 10.0, "sigma", Equation;
+        moved: f64 = 10.0, "sigma", Choice;
     }
 }

@@ -244,7 +244,7 @@ struct Stood {
 
 /// How far an output may go beyond what it still owes its motor while that stands to the last count, as a share of what
 /// transmissions may hide: what they have hidden they keep until the motor turns, but one that sticks as it turns round has its output swing
-/// meanwhile. A choice: near a chip an eighteenth was seen; far from any a sixth, of a drawn machine on slow triangles, which is not looked at.
+/// meanwhile. A choice: near a chip 8 um were seen; far from any 24, of a drawn machine on slow triangles, which is not looked at.
 const RELAXES: f64 = 0.1;
 /// The axes that go across.
 const JOINTS: [Axis; 2] = [Axis::A, Axis::B];
