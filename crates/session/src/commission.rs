@@ -7,6 +7,7 @@
 
 mod acceptance;
 mod checks;
+mod gains;
 mod geometry;
 mod positioned;
 mod steps;

@@ -1,15 +1,13 @@
 //! The steps of commissioning: what each measures, and what it is failed for.
 
 use super::acceptance::{DEVICES, judged};
-use super::checks::{CheckAxes, Dark, swings};
+use super::checks::{CheckAxes, Dark};
 use super::{Bench, Found, NotDone};
 use crate::align::Align;
 use crate::calibrations::Change;
-use crate::characterize::Step;
 use crate::identify::MeasureWindup;
 use crate::job::Ended;
 use crate::piezos::{MeasureRatios, PiezoModel, SeePiezos, SwingTips, WatchTips};
-use crate::tune::{GainsRow, Method, Tune, step_of};
 use pigtail_control::beam::SpotSize;
 use pigtail_control::calibration::Windups;
 use pigtail_control::dynamics::{Dynamics, Swings};
@@ -19,7 +17,7 @@ use pigtail_control::job::FiberReport;
 use pigtail_control::piezo::camera::{Seen, SeenMicro};
 use pigtail_control::shaking::Measured;
 use pigtail_hal::spec::{MICRO_AXES, SIDES};
-use pigtail_hal::{Axis, AxisName, Error, Side};
+use pigtail_hal::{AxisName, Error, Side};
 use pigtail_numerics::rounded;
 use pigtail_twin::Specimen;
 use serde_json::{Map, Value, json};
@@ -93,135 +91,6 @@ impl Bench<'_, '_> {
             );
         }
         Ok(Found { values, why })
-    }
-
-    /// Tunes an axis of each kind, and steps all of them: gains that one of them does not bear are made less.
-    pub(super) fn gains(&mut self) -> Result<Found, NotDone> {
-        /// How often, and by what, before it is given up.
-        const GENTLER: usize = 4;
-        const BY: f64 = 0.8;
-        let mut values = Map::new();
-        let mut why = String::new();
-        for (kind, table) in [(Axis::A, "five_bar"), (Axis::Z, "z")] {
-            let at = AxisName {
-                side: Side::Left,
-                axis: kind,
-            };
-            let method = Method::Simplex;
-            let tune = Tune {
-                at,
-                method,
-                trials: method.usual_trials(),
-                step: step_of(&self.setup.rig, kind),
-                one_size: false,
-                seed: self.seed,
-            };
-            let tuned = self.run(&tune, self.seed)?.document;
-            let mut gains = tuned.gains;
-            let mut gentler = 0;
-            let mut limit = None;
-            let change = |bench: &Self, gains: &GainsRow, limit: Option<f64>| {
-                let origin = bench.origin(&format!("tune {at}"));
-                let mut values = gains.values(&bench.plan.date, &origin);
-                let volts = |limit: f64| toml_edit::value(format!("{} V", rounded(limit, 1e-3)));
-                values.extend(limit.map(|limit| ("integral_limit", volts(limit))));
-                Change {
-                    table: format!("gains.{table}"),
-                    values,
-                    weights: None,
-                }
-            };
-            let wrong = loop {
-                self.try_out(&change(self, &gains, limit))?;
-                let (wrong, hunts) = self.step_all(kind, &mut values)?;
-                if wrong.is_none() && !(hunts && gentler < GENTLER) {
-                    break None;
-                }
-                if gentler < GENTLER {
-                    gains = gains.times(BY);
-                    gentler += 1;
-                    continue;
-                }
-                // Or the integral is kept from doing what makes the axis move that sticks most.
-                let start = self.setup.rig.spec.drive(kind).start();
-                let believed = &self.setup.rig.calibration.gains;
-                let believed = if kind == Axis::Z {
-                    believed.z.integral_limit
-                } else {
-                    believed.five_bar.integral_limit
-                };
-                if limit.is_some() || start <= believed {
-                    break wrong;
-                }
-                (gains, gentler, limit) = (tuned.gains, 0, Some(start));
-            };
-            self.believe(change(self, &gains, limit))?;
-            if let Some(wrong) = wrong.filter(|_| why.is_empty()) {
-                why = format!("{wrong} does not come to rest under the gains that were found");
-            }
-            let specified = tuned.specified.map(|specified| specified.met);
-            values.insert(
-                table.to_owned(),
-                json!({
-                    "kp_V_per_count": gains.kp,
-                    "ki_V_per_count_s": gains.ki,
-                    "kd_V_s_per_count": gains.kd,
-                    "times_gentler": gentler,
-                    "rise_ms": tuned.rise_ms,
-                    "settling_ms": tuned.settling_ms,
-                    "specified_met": specified,
-                }),
-            );
-        }
-        Ok(Found { values, why })
-    }
-
-    /// Steps all axes of a kind, far and a little, and notes how they answer to the former. One that does not come to rest, if there is one,
-    /// and whether one hunts: between counts its derivative alone is more than what moves it, so that it swings about where it is to
-    /// stand, until chance ends that.
-    fn step_all(
-        &mut self,
-        kind: Axis,
-        values: &mut Map<String, Value>,
-    ) -> Result<(Option<AxisName>, bool), Ended> {
-        /// Of the usual step.
-        const LITTLE: i64 = 10;
-        /// A step that does not hunt goes to and fro so often at most.
-        const SWINGS: usize = 6;
-        let (mut wrong, mut hunts) = (None, false);
-        let alike = |axis: &Axis| (*axis == Axis::Z) == (kind == Axis::Z);
-        for side in Side::ALL {
-            for axis in Axis::ALL.into_iter().filter(alike) {
-                let at = AxisName { side, axis };
-                let step = Step {
-                    at,
-                    size: step_of(&self.setup.rig, axis),
-                };
-                let (response, trace) = self.run(&step, self.seed)?;
-                let little = Step {
-                    size: (step.size / LITTLE).max(1),
-                    ..step
-                };
-                let (_, small) = self.run(&little, self.seed)?;
-                if !response.settled {
-                    wrong = wrong.or(Some(at));
-                }
-                let swings = swings(&trace.encoder, step.size as f64)
-                    .max(swings(&small.encoder, little.size as f64));
-                hunts |= swings > SWINGS;
-                values.insert(
-                    at.to_string(),
-                    json!({
-                        "rise_ms": response.rise_ms,
-                        "settling_ms": response.settling_ms,
-                        "overshoot_percent": response.overshoot_percent,
-                        "settled": response.settled,
-                        "swings": swings,
-                    }),
-                );
-            }
-        }
-        Ok((wrong, hunts))
     }
 
     /// Of every joint of both five-bars: friction, which winds transmissions up, differs from one to the next.
