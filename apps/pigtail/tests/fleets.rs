@@ -117,6 +117,34 @@ fn a_stage_that_stands_askew_is_measured_and_not_stopped() {
     assert!(yaw[0].as_f64().is_some_and(|yaw| yaw.abs() > 0.3), "{json}");
 }
 
+/// The left z-stage of this machine bears stiffer gains than the right one: under those that were found on it the other swung to and fro for
+/// ever, however much gentler they were made, and all that came after failed. Those that are found on the right one suit both.
+#[test]
+fn gains_are_found_on_the_axis_that_does_not_come_to_rest() {
+    let folder = TempDir::new().expect("a folder");
+    let arguments = ["commission", "--steps", "gains", "--fleet", "workshop"];
+    let (json, code) = answer(
+        folder.path(),
+        &[&arguments[..], &["--seed", "180097"]].concat(),
+    );
+    assert_eq!(code, 0, "{json}");
+    let values = &json["steps"][0]["values"];
+    assert_eq!(values["z"]["tuned_on"], "right.z", "{values}");
+    for axis in ["left.z", "right.z"] {
+        assert_eq!(values[axis]["settled"], true, "{values}");
+        assert!(number(&values[axis], "swings") <= 6.0, "{values}");
+    }
+}
+
+/// The micros of this machine swing at 49 to 56 Hz, circles go around at 42: a peak was seen a quarter of a turn askew and run after for ever.
+/// Nobody could measure how they swing.
+#[test]
+#[ignore = "long: a machine commissioned"]
+fn a_micro_that_swings_near_the_rate_of_circles_is_commissioned() {
+    let (json, code) = commissioned("180095", "3");
+    assert_eq!((code, &json["aligned"]), (0, &9.into()), "{json}");
+}
+
 /// A machine of `workshop`, commissioned, and so many devices on it.
 fn commissioned(seed: &str, devices: &str) -> (serde_json::Value, i32) {
     let folder = TempDir::new().expect("a folder");

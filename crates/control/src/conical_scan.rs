@@ -9,6 +9,7 @@ mod ahead;
 mod answer;
 mod around;
 mod closing;
+mod follows;
 mod last;
 mod piezos;
 mod steps;
@@ -17,6 +18,7 @@ mod wander;
 
 use self::answer::Turn;
 pub(crate) use self::closing::Closing;
+use self::follows::Follows;
 pub use self::last::Ready;
 use crate::beam::{Beam, Oblong, Peak, Reading, SpotSize};
 use crate::flicker::Flicker;
@@ -320,15 +322,23 @@ impl<'r> ConicalScan<'r> {
         self.beam.width(gap)
     }
 
-    /// Turns take longer from now on, as the recipe has it: a micro that swings along with them at one rate does not at another.
-    pub fn slow_down(&mut self) {
+    /// Turns take longer from now on, as the recipe has it: a micro that swings along with them at one rate does not at another. Returns whether
+    /// they do.
+    pub fn slow_down(&mut self) -> bool {
         let longer = self.shape.slower;
-        if self.slower * longer <= self.shape.slowest {
+        let may = self.slower * longer <= self.shape.slowest;
+        if may {
             self.slower *= longer;
             self.period *= longer;
             self.most = (self.most as f64 * longer).round() as usize;
             self.readings.clear();
         }
+        may
+    }
+
+    /// Whether turns take longer than at first.
+    pub fn is_slower(&self) -> bool {
+        self.slower > 1.0
     }
 
     /// Circles of another radius from now on, in widths of the peak.
@@ -593,6 +603,16 @@ impl<'r> ConicalScan<'r> {
         .into()
     }
 
+    /// That the circle's middle ran so far after the peak from where it was at the `start`, of which so many widths are accepted.
+    fn astray(&self, phase: &'static str, widths: f64, start: Displacement, gap: f64) -> Halt {
+        Outcome::RanAfter {
+            phase,
+            by: (self.centre - start).norm(),
+            accepted: widths * self.beam.width(gap),
+        }
+        .into()
+    }
+
     /// Goes to a peak, at most its width at `gap` away. Returns how far it was away, metres.
     ///
     /// # Errors
@@ -632,7 +652,7 @@ impl<'r> ConicalScan<'r> {
         let start = self.centre;
         let (mut dark, mut dim) = (false, Vec::new());
         let mut last = f64::INFINITY;
-        let (mut farther, mut gone) = (1.0, None::<Displacement>);
+        let mut follows = Follows::default();
         for turn in 1..=self.shape.turns {
             self.turn(bench, gap).await?;
             let mut peak = self.clear_peak();
@@ -651,27 +671,14 @@ impl<'r> ConicalScan<'r> {
                 continue;
             };
             dim.clear();
-            let from = self.centre;
-            let by = peak.at - from;
-            // A micro that swings along goes around farther than it is told, and a spot may be narrower than believed: the peak is seen farther
-            // away than it is, as much as it is seen on the other side from where it was to be.
-            if let Some(way) =
-                gone.filter(|way| way.norm() > TUNING.circle.tells * peak.deviation())
-            {
-                let left = (by.x * way.x + by.y * way.y) / (way.x * way.x + way.y * way.y);
-                farther = (1.0 - left).clamp(1.0, TUNING.circle.farther);
-            }
-            let at = from + by / farther;
-            self.go_to(bench, &Peak { at, ..peak }, gap)?;
             // By what was seen, and not by what is made of it: what is no peak is seen anywhere.
-            last = by.norm();
-            gone = Some(self.centre - from);
+            last = self.go_by(bench, &peak, gap, &mut follows)?;
             if turn >= least && last < accuracy && peak.deviation() < accuracy {
                 return Ok(peak);
             }
             let far = (self.centre - start).norm();
             if far > TUNING.circle.far * self.beam.width(gap) {
-                return Err(self.lost(phase, Some(&peak), gap));
+                return Err(self.astray(phase, TUNING.circle.far, start, gap));
             }
         }
         Err(Outcome::Unsure {

@@ -30,6 +30,19 @@ pub enum Outcome {
         /// Level that was expected, volts above the background.
         expected: f64,
     },
+    /// A circle's middle ran after a peak farther than one may have moved.
+    #[error(
+        "light lost during {phase}: the circle has gone {:.1} um after the peak, where {:.1} um are accepted",
+        by * 1e6, accepted * 1e6
+    )]
+    RanAfter {
+        /// The phase in which it did.
+        phase: &'static str,
+        /// How far, metres.
+        by: f64,
+        /// The farthest that is accepted, metres.
+        accepted: f64,
+    },
     /// What was found did not grow on approach as coupled light does.
     #[error("false light: {before:.4} V above the background became {after:.4} V on approach")]
     FalseLight {
@@ -302,7 +315,9 @@ impl Outcome {
         match self {
             Self::Aligned => OutcomeCode::Aligned,
             Self::NoLight(_) => OutcomeCode::NoLight,
-            Self::LightLost { .. } | Self::Strayed { .. } => OutcomeCode::LightLost,
+            Self::LightLost { .. } | Self::RanAfter { .. } | Self::Strayed { .. } => {
+                OutcomeCode::LightLost
+            }
             Self::FalseLight { .. } => OutcomeCode::FalseLight,
             Self::Slipped { .. } => OutcomeCode::Slipped,
             Self::Misshapen { .. } => OutcomeCode::Misshapen,

@@ -2,6 +2,7 @@
 
 use super::ahead::{Ahead, Moved, aged, late, recent, together};
 use super::answer::{Answer, Turn};
+use super::follows::Follows;
 use crate::tuning::TUNING;
 
 use super::{ConicalScan, Gap};
@@ -56,6 +57,7 @@ impl ConicalScan<'_> {
         let start = self.centre;
         self.wanted = accuracy;
         let (mut dark, mut deviation, mut misfit, mut best) = (0, f64::INFINITY, 0.0, None);
+        let mut follows = Follows::default();
         let mut seen: Vec<Turn> = Vec::with_capacity(self.shape.turns as usize);
         if self.wary && self.played.is_some_and(|(_, law)| law.radius.to == 0.0) {
             // The way from rest to the circle is no part of it.
@@ -70,13 +72,14 @@ impl ConicalScan<'_> {
                 // Not there yet: what was seen from there does not count.
                 seen.clear();
                 best = None;
-                self.go_to(bench, &peak, gap)?;
+                self.go_by(bench, &peak, gap, &mut follows)?;
                 let far = (self.centre - start).norm();
                 if far > TUNING.circle.nearby * self.beam.width(gap) {
-                    return Err(self.lost(phase, Some(&peak), gap));
+                    return Err(self.astray(phase, TUNING.circle.nearby, start, gap));
                 }
                 continue;
             }
+            follows = Follows::default();
             if let Some(before) = seen.last() {
                 self.flicker.add(&before.peak, &peak);
             }

@@ -114,7 +114,10 @@ impl Shared<'_> {
         let afar = TUNING.gap.aside * GuardSpec::LED;
         let mode = &self.recipe.mode;
         let design = Spread::by_design(mode.wavelength / mode.gap_index, self.exit());
-        let spread = cell.measured_spread(aim.side).unwrap_or(design);
+        // A micro that swings along goes farther on circles than on slower ones: in its scale light spreads otherwise.
+        let period = scan.period();
+        let measured = cell.measured_spread(aim.side);
+        let mut spread = measured.filter(|_| !scan.is_slower()).unwrap_or(design);
         let quick = if spread.is_known() { &QUICK[..] } else { &[] };
         let (mut widths, mut latest) = (Vec::new(), None);
         for looks in quick.iter().chain(&WHOLE) {
@@ -151,6 +154,10 @@ impl Shared<'_> {
                 to_middle(cell, aim, scan, here).await?;
             }
             widths.extend(width(cell, aim, scan, looks.share_here).await?);
+            if scan.period() != period {
+                widths.clear();
+                spread = design;
+            }
             let contact = if stays {
                 touching(cell, aim, &widths, (scan, spread))
             } else {
@@ -158,7 +165,7 @@ impl Shared<'_> {
                 widths.truncate(before_it);
                 None
             };
-            if looks.wider.len() > 1 {
+            if looks.wider.len() > 1 && !scan.is_slower() {
                 job.spread = contact.map(|contact| contact.spread).or(job.spread);
             }
             let stopped = |aside: f64| self.would_be_stopped(cell, aim, contact, aside);

@@ -38,6 +38,8 @@ topic! {
         tells: f64 = 10.0, "sigma", Choice;
         /// No peak is believed to be seen more times as far away as it is.
         farther: f64 = 4.0, "1", Choice;
+        /// Seen askew by more than a sixth of a turn a peak is run after for ever: turns are made slower that see it so by nearly as much.
+        askew: f64 = 1.0, "rad", Equation;
     }
 }
 
