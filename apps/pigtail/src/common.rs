@@ -20,7 +20,7 @@ pub(crate) struct Common {
     /// A folder with the three files of a rig, or the name of one below `rigs`
     #[arg(long, default_value = DEFAULT_RIG_NAME)]
     pub(crate) rig: String,
-    /// What machine and device may be: a fleet of the rig (nominal, thesis, workshop, harsh), or a TOML file
+    /// What machine and device may be: a fleet of the rig (nominal, thesis, workshop, harsh, shift), or a TOML file
     #[arg(long, default_value = NOMINAL)]
     pub(crate) fleet: String,
     /// A calibration in place of the rig's: the number of a version, a run that found it, or a file

@@ -27,6 +27,9 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
+/// More would take a machine for a week.
+const MOST_TIMES: i64 = 1000;
+
 /// Produce a tray: pick, adhesive, align, cure and release every fiber of every device
 ///
 /// Both manipulators work side by side on the twin that the seed draws: the machine, and a device of its own in each place of
@@ -44,6 +47,8 @@ Examples:
   pigtail produce --tray four --json    events, one a line; the last line is the result
   pigtail produce --tray my-tray.toml --seed 7 --resume 20261124T101500-produce-7
                                         goes on with a tray whose run was killed
+  pigtail produce --times 60 --fleet shift
+                                        eight hours on one machine, while the room warms up and cools down
   pigtail produce --trays 200 --fleet workshop --commissioned
                                         two hundred trays, each on a machine of its own")]
 pub(crate) struct Arguments {
@@ -72,6 +77,11 @@ pub(crate) struct Arguments {
     /// Whether it then goes beyond the peak by the shift that is expected, in place of what the recipes say
     #[arg(long, value_name = "true|false")]
     precompensate: Option<bool>,
+    /// How often the tray comes, filled anew each time, one right after the other: a shift on a machine that goes on
+    ///
+    /// Devices, fibers and places of the second and of those behind it have its number behind their names, as YB-0001/2.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=MOST_TIMES))]
+    times: Option<u32>,
     /// Records the exchanges with the machine: some megabytes a minute of machine time
     #[arg(long)]
     record: bool,
@@ -99,6 +109,7 @@ struct Last<'d> {
     #[serde(rename = "yield")]
     passed: f64,
     seconds_per_fiber: &'d pigtail_evaluate::produce::Percentiles,
+    align_seconds: &'d pigtail_evaluate::produce::Percentiles,
     devices_per_hour: f64,
     idle_percent: &'d pigtail_evaluate::produce::Sides,
     loss_db_after_cure: &'d pigtail_evaluate::produce::Percentiles,
@@ -113,6 +124,7 @@ impl<'d> Last<'d> {
             fibers: d.fibers,
             passed: d.passed,
             seconds_per_fiber: &d.seconds_per_fiber,
+            align_seconds: &d.align_seconds,
             devices_per_hour: d.devices_per_hour,
             idle_percent: &d.idle_percent,
             loss_db_after_cure: &d.loss_db_after_cure,
@@ -342,6 +354,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let in_place = InPlace {
         track: arguments.track,
         precompensate: arguments.precompensate,
+        times: arguments.times,
     };
     loaded.put(in_place);
     let mut configuration = setup.rig.hashes.clone();

@@ -330,7 +330,7 @@ fn a_fleet_that_is_not_there_is_refused_with_those_that_are() {
         arguments.extend(["--fleet", "nosuch"]);
         let (code, out, error) = pigtail(folder.path(), &arguments);
         assert_eq!((code, out.as_str()), (Some(2), ""), "{command:?}");
-        for name in ["nosuch", "nominal", "thesis", "workshop", "harsh"] {
+        for name in ["nosuch", "nominal", "thesis", "workshop", "harsh", "shift"] {
             assert!(error.contains(name), "no {name} in: {error}");
         }
         let left = fs::read_dir(folder.path()).expect("a folder").count();

@@ -50,6 +50,34 @@ fn done(setup: &Setup, loaded: &Loaded, seed: u64) -> ProduceDocument {
     outcome.expect("no fault").document
 }
 
+/// Two trays of a shift: the machine's time goes on, and so does the room's temperature.
+#[test]
+fn a_tray_that_comes_twice_is_a_tray_of_twice_as_many() {
+    let folder = TempDir::new().expect("a folder");
+    let asked = |times: &str| {
+        let shift = ["--fleet", "shift", "--seed", "5", "--json"];
+        pigtail(
+            folder.path(),
+            &[&["produce", "--times", times][..], &shift].concat(),
+        )
+    };
+    let output = asked("2");
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let text = String::from_utf8_lossy(&output.stdout);
+    let events = text.lines().map(serde_json::from_str);
+    let events: Vec<Value> = events.collect::<Result<_, _>>().expect("JSON");
+    let devices: Vec<&Value> = events.iter().filter(|e| e["event"] == "device").collect();
+    let serials: Vec<&str> = devices
+        .iter()
+        .filter_map(|device| device["serial"].as_str())
+        .collect();
+    assert_eq!(serials.len(), 8);
+    assert_eq!((serials[3], serials[4]), ("YB-0004", "YB-0001/2"));
+    let at = |k: usize, key: &str| devices[k][key].as_f64().expect("a time");
+    assert!(at(4, "start") >= at(3, "end") && at(3, "end") > 400.0);
+    assert_eq!(asked("0").status.code(), Some(2));
+}
+
 #[test]
 fn the_last_line_is_the_result_and_the_others_are_events() {
     let folder = TempDir::new().expect("a folder");
@@ -63,6 +91,7 @@ fn the_last_line_is_the_result_and_the_others_are_events() {
         "fibers",
         "yield",
         "seconds_per_fiber",
+        "align_seconds",
         "devices_per_hour",
         "idle_percent",
         "loss_db_after_cure",

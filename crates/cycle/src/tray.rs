@@ -93,9 +93,66 @@ impl Tray {
         all
     }
 
+    /// Has it come so many times, one right after the other and filled anew each time: all serial numbers and places of the second and
+    /// those behind it end with which one they are of, `YB-0001/2`.
+    pub fn refill(&mut self, times: u32) {
+        let (devices, fibers) = (self.devices.clone(), self.fibers.clone());
+        let places = self.places.clone();
+        for which in 2..=times {
+            let of = |name: &str| format!("{name}/{which}");
+            self.devices.extend(devices.iter().map(|device| {
+                Device {
+                    serial: of(&device.serial),
+                    place: of(&device.place),
+                    recipe: device.recipe.clone(),
+                    fibers: device
+                        .fibers
+                        .iter()
+                        .map(|(port, place)| (port.clone(), of(place)))
+                        .collect(),
+                }
+            }));
+            self.fibers.extend(fibers.iter().map(|fiber| Fiber {
+                serial: of(&fiber.serial),
+                place: of(&fiber.place),
+            }));
+            self.places
+                .extend(places.iter().map(|(name, place)| (of(name), *place)));
+        }
+    }
+
     /// Serial number of the fiber at a place.
     pub fn fiber_at(&self, place: &str) -> Option<&str> {
         let at = |fiber: &&Fiber| fiber.place == place;
         self.fibers.iter().find(at).map(|f| f.serial.as_str())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::check::mistakes;
+    use crate::recipe::Production;
+
+    #[test]
+    fn a_tray_that_comes_again_has_devices_fibers_and_places_of_its_own() {
+        let text = include_str!("../../../trays/four.toml");
+        let once = Tray::parse("four.toml", text).unwrap();
+        let mut tray = once.clone();
+        tray.refill(1);
+        assert_eq!(tray, once);
+        tray.refill(3);
+        assert_eq!(tray.devices.len(), 3 * once.devices.len());
+        let last = tray.devices.last().unwrap();
+        assert_eq!(
+            (last.serial.as_str(), last.place.as_str()),
+            ("YB-0004/3", "D4/3")
+        );
+        assert_eq!(tray.fiber_at(&last.fibers["input"]), Some("F-0004/3"));
+        assert_eq!(tray.places["L4/3"], once.places["L4"]);
+        let recipe = include_str!("../../../recipes/produce-fast.toml");
+        let production = Production::parse("produce-fast.toml", recipe).unwrap();
+        let recipes = BTreeMap::from([("produce-fast".to_owned(), production)]);
+        assert_eq!(mistakes("four.toml", &tray, &recipes, &|_, _| true), []);
     }
 }

@@ -33,6 +33,9 @@ pub struct ProduceDocument {
     pub passed: f64,
     /// Machine time a fiber, from pick to verified.
     pub seconds_per_fiber: Percentiles,
+    /// Of that, its alignment.
+    #[serde(default)]
+    pub align_seconds: Percentiles,
     /// Devices that were done an hour of machine time, be they good or not.
     pub devices_per_hour: f64,
     /// Share of the time in which a manipulator neither did anything nor held anything under the lamp, percent.
@@ -346,6 +349,7 @@ pub(crate) struct Sums {
     pub(crate) passed: usize,
     pub(crate) fibers_passed: usize,
     pub(crate) seconds_per_fiber: Percentiles,
+    pub(crate) align_seconds: Percentiles,
     pub(crate) loss_db_after_cure: Percentiles,
     pub(crate) shift_um: Shift,
     pub(crate) rejected: BTreeMap<String, usize>,
@@ -358,6 +362,7 @@ impl Sums {
         let (mut devices, mut fibers, mut passed, mut fibers_passed) = (0, 0, 0, 0);
         let mut rejected = BTreeMap::new();
         let (mut seconds, mut loss, mut added) = (Vec::new(), Vec::new(), Vec::new());
+        let mut aligning = Vec::new();
         let (mut tracked, mut untracked) = (Vec::new(), Vec::new());
         let mut wrongly_passed = 0;
         for device in told {
@@ -377,6 +382,7 @@ impl Sums {
                 fibers += 1;
                 fibers_passed += usize::from(fiber.passed);
                 seconds.push(fiber.seconds);
+                aligning.push(fiber.align_seconds);
                 loss.extend(truth.map(|truth| truth.loss_db));
                 added.extend(truth.map(|truth| truth.added_db));
                 if let Some(cured) = fiber.cured {
@@ -393,6 +399,7 @@ impl Sums {
             passed,
             fibers_passed,
             seconds_per_fiber: Percentiles::of(seconds),
+            align_seconds: Percentiles::of(aligning),
             loss_db_after_cure: Percentiles::of(loss),
             shift_um: Shift {
                 tracked: Percentiles::of(tracked).p50,
@@ -435,6 +442,7 @@ fn document(
         fibers: sums.fibers,
         passed: sums.share(),
         seconds_per_fiber: sums.seconds_per_fiber,
+        align_seconds: sums.align_seconds,
         devices_per_hour: rounded(3600.0 * here as f64 / run.seconds.max(1e-9), 1e-2),
         idle_percent: Sides {
             left: idle(Side::Left),

@@ -39,6 +39,8 @@ pub struct TraysDocument {
     pub passed: f64,
     /// Machine time a fiber, from pick to verified.
     pub seconds_per_fiber: Percentiles,
+    /// Of that, its alignment.
+    pub align_seconds: Percentiles,
     /// Devices that were done an hour of machine time, be they good or not.
     pub devices_per_hour: f64,
     /// Share of the time in which a manipulator neither did anything nor held anything, percent.
@@ -249,6 +251,7 @@ pub fn summarize(
         fibers: sums.fibers,
         passed: sums.share(),
         seconds_per_fiber: sums.seconds_per_fiber,
+        align_seconds: sums.align_seconds,
         devices_per_hour: rounded(3600.0 * hours / seconds.max(1e-9), 1e-2),
         idle_percent: mean(|d| d.idle_percent),
         loss_db_after_cure: sums.loss_db_after_cure,

@@ -203,6 +203,44 @@ impl Hysteresis {
         (widest / range, range)
     }
 
+    /// The same piezo whose plays weigh `times` as much, as heat makes them, over the same range of displacement: of `w_i` that are `f`
+    /// times as large a loop opens `f (1 - m) / (1 - f m)` times as wide but for saturation, `m = h sum w_i r_i`. `state` is what it
+    /// remembers, which stays: where plays are does not depend on what they weigh. All of its displacement is the most they weigh.
+    #[must_use]
+    pub fn with_plays(&self, times: f64, state: &mut HysteresisState) -> Self {
+        let share = 1.0 - self.direct;
+        let times = times.clamp(0.0, share.max(f64::MIN_POSITIVE).recip());
+        let mut changed = Self {
+            weights: self.weights.map(|weight| times * weight),
+            direct: 1.0 - times * share,
+            scale: 1.0,
+            ..self.clone()
+        };
+        // At the ends of a full stroke every play is its slack behind.
+        let end = |input: f64, way: f64| {
+            let v = input + changed.skew * input * input;
+            let mut behind = HysteresisState {
+                plays: changed.slack.map(|slack| v - way * slack),
+                ..HysteresisState::default()
+            };
+            changed.add_up(&mut behind);
+            changed.output(v, &behind.sums)
+        };
+        changed.scale = 2.0 / (end(1.0, 1.0) - end(-1.0, -1.0));
+        changed.add_up(state);
+        let v = state.input + changed.skew * state.input * state.input;
+        state.output = changed.output(v, &state.sums);
+        changed
+    }
+
+    /// What the blocks of plays add up to.
+    fn add_up(&self, state: &mut HysteresisState) {
+        let blocks = state.plays.as_chunks::<BLOCK>().0.iter();
+        for ((sum, plays), weights) in state.sums.iter_mut().zip(blocks).zip(self.blocks()) {
+            *sum = added(weights, plays);
+        }
+    }
+
     fn blocks(&self) -> &[[f64; BLOCK]] {
         self.weights.as_chunks::<BLOCK>().0
     }
@@ -353,6 +391,35 @@ mod tests {
             let (reached, range) = model.opening(&model.full_stroke());
             assert!((reached - opening).abs() < 1e-5, "{reached} for {opening}");
             assert!((range - 2.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_piezo_whose_plays_weigh_more_keeps_its_range_and_what_it_remembers() {
+        let model = Hysteresis::new(&PARAMETERS).unwrap();
+        let both = model.weights.iter().zip(&model.slack);
+        let m: f64 = both.map(|(weight, slack)| weight * slack).sum();
+        for times in [0.5, 1.0, 1.2] {
+            let mut state = HysteresisState::default();
+            for s in ramp(0.0, 0.8).chain(ramp(0.8, -0.3)) {
+                model.advance(&mut state, s);
+            }
+            let mut before = state;
+            let wider = model.with_plays(times, &mut state);
+            assert_eq!(before.plays, state.plays);
+            let (reached, range) = wider.opening(&wider.full_stroke());
+            let expected = times * (1.0 - m) / (1.0 - times * m) * PARAMETERS.opening;
+            assert!(
+                (reached / expected - 1.0).abs() < 0.02,
+                "{reached}, {expected} expected for {times}"
+            );
+            assert!((range - 2.0).abs() < 1e-12, "{range}");
+            let mut back = state;
+            let again = wider.with_plays(times.recip(), &mut back);
+            for s in ramp(-0.3, 0.5) {
+                let (a, b) = (model.advance(&mut before, s), again.advance(&mut back, s));
+                assert!((a - b).abs() < 1e-12, "{a} {b}");
+            }
         }
     }
 

@@ -28,7 +28,7 @@ use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
 /// The fleets of the rig that is compiled in.
-const BUILT_IN: [(&str, &str); 4] = [
+const BUILT_IN: [(&str, &str); 5] = [
     (
         "nominal",
         include_str!("../../../rigs/afpm/fleets/nominal.toml"),
@@ -44,6 +44,10 @@ const BUILT_IN: [(&str, &str); 4] = [
     (
         "harsh",
         include_str!("../../../rigs/afpm/fleets/harsh.toml"),
+    ),
+    (
+        "shift",
+        include_str!("../../../rigs/afpm/fleets/shift.toml"),
     ),
 ];
 

@@ -98,13 +98,16 @@ fn parsed(file: &str, text: &str) -> Result<Production, Vec<Error>> {
     }
 }
 
-/// What is said of the cure in place of what recipes say.
+/// What is said in place of what recipes say of the cure, and of the tray.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct InPlace {
     /// Whether the micro follows the light's peak.
     pub track: Option<bool>,
     /// Whether it goes beyond it.
     pub precompensate: Option<bool>,
+    /// How often the tray comes, filled anew each time, one right after the other on a machine that goes on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub times: Option<u32>,
 }
 
 /// A tray and its recipes as texts: all that it takes to read them again.
@@ -210,8 +213,12 @@ impl Loaded {
         Ok(loaded)
     }
 
-    /// Says something of the cure in place of what the recipes say. Without following there is nothing to go beyond by.
+    /// Says something of the cure in place of what the recipes say, and how often the tray comes. Without following there is nothing to
+    /// go beyond by.
     pub fn put(&mut self, in_place: InPlace) {
+        if self.texts.in_place.times.is_none() {
+            self.tray.refill(in_place.times.unwrap_or(1));
+        }
         self.texts.in_place = in_place;
         for production in self.productions.values_mut() {
             let cure = &mut production.cure;

@@ -8,7 +8,7 @@ use std::fs;
 use std::sync::Arc;
 use tempfile::TempDir;
 
-const SHIPPED: [&str; 4] = ["nominal", "thesis", "workshop", "harsh"];
+const SHIPPED: [&str; 5] = ["nominal", "thesis", "workshop", "harsh", "shift"];
 
 fn setup(fleet: &str) -> Setup {
     let setup = Setup::load("afpm", "y-branch").expect("the shipped rig");

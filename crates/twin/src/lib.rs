@@ -51,7 +51,7 @@ use pigtail_model::Invalid;
 use pigtail_model::frames::{Chip, Point};
 use pigtail_model::instructions::{Instructions, Work};
 pub use plant::Plant;
-use plant::{AdhesivePlant, HandlingPlant, ThermalPlant};
+use plant::{AdhesivePlant, HandlingPlant, TemperaturePlant, ThermalPlant};
 use production::Production;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -92,6 +92,7 @@ pub struct Twin {
     /// Speed of the device in x, and since when.
     drift: (f64, f64),
     thermal: ThermalPlant,
+    temperature: TemperaturePlant,
     floor: Option<Floor>,
     /// Whether the chip moves beside the machine by any of these.
     chip_moves: bool,
@@ -109,6 +110,9 @@ pub struct Twin {
     /// Where the holders were in the last cycle with a tray.
     holders: [Point<Chip>; SIDES],
 }
+
+/// What warmth does to piezos is worked out anew every so many cycles: it takes minutes.
+const WARM_EVERY: u64 = 2500;
 
 /// A fiber fixed to the chip.
 #[derive(Debug, Clone, Copy)]
@@ -259,9 +263,11 @@ impl Twin {
             sensing_height: 0.0,
             drift: (plant.device.drift, plant.device.drift_from),
             thermal: plant.thermal,
+            temperature: plant.temperature,
             floor: Floor::new(&plant.floor, period, numbered(seed, 8)),
             chip_moves: plant.device.drift != 0.0
                 || plant.thermal != ThermalPlant::default()
+                || plant.temperature.swing > 0.0
                 || plant.floor.rms != [0.0; 3],
             wander: (plant.light.wander > 0.0).then(|| {
                 let bandwidth = 1.0 / (std::f64::consts::TAU * plant.light.wander_time);
@@ -495,8 +501,11 @@ impl Twin {
         let time = self.time();
         let drifted = self.drift.0 * (time - self.drift.1).max(0.0);
         let ThermalPlant { chip, left, right } = &self.thermal;
-        let warm =
-            [left, right].map(|holder| std::array::from_fn(|i| time * (holder[i] - chip[i])));
+        let warmer = self.temperature.warmer(time);
+        let by = &self.temperature;
+        let warm = [(left, by.left), (right, by.right)].map(|(holder, goes)| {
+            std::array::from_fn(|i| time * (holder[i] - chip[i]) + warmer * (goes[i] - by.chip[i]))
+        });
         let shaken = self.floor.as_mut().map(Floor::next).unwrap_or_default();
         std::array::from_fn(|i| {
             let ([x, y, z], [sx, sy, sz]): ([f64; 3], _) = (warm[i], shaken[i]);
@@ -532,6 +541,12 @@ impl Twin {
         let outputs = self
             .drives
             .advance(&command.motors, &command.pulses, &torques);
+        if self.temperature.swing > 0.0 && self.cycle.is_multiple_of(WARM_EVERY) {
+            let warmer = self.temperature.warmer(self.time());
+            for manipulator in &mut self.manipulators {
+                manipulator.micro.warm(&self.temperature, warmer);
+            }
+        }
         let mut holders = [Point::ORIGIN; SIDES];
         let beside = self.chip_moves.then(|| self.beside_the_chip());
         for side in Side::ALL {

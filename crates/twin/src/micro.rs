@@ -5,7 +5,7 @@
     reason = "what is not inlined does not get the instructions of its caller"
 )]
 
-use super::plant::Plant;
+use super::plant::{Plant, TemperaturePlant};
 use super::sensors::{nearest, normal};
 use pigtail_hal::Spec;
 use pigtail_hal::quantity::Volts;
@@ -44,6 +44,8 @@ pub(super) struct Micro {
     kick: [f64; MICRO_AXES],
     /// Metres a volt of full stroke, with the coupling of the axes.
     gain: [[f64; MICRO_AXES]; MICRO_AXES],
+    /// The same as cold as it was commissioned.
+    cold: [[f64; MICRO_AXES]; MICRO_AXES],
     centre: f64,
     limit: f64,
     step: f64,
@@ -114,6 +116,8 @@ impl Flexure {
 #[derive(Debug, Clone)]
 struct Piezo {
     hysteresis: Hysteresis,
+    /// The same as cold as it was commissioned, where warmth changes it.
+    cold: Option<Box<Hysteresis>>,
     creep: Creep,
     state: (HysteresisState, CreepState),
 }
@@ -143,6 +147,7 @@ impl Micro {
             let (hysteresis, creep) = m.draw(v, spec.period(), rng)?;
             Ok(Piezo {
                 hysteresis,
+                cold: None,
                 creep,
                 state: Default::default(),
             })
@@ -165,13 +170,15 @@ impl Micro {
                 None => None,
             },
         };
+        let gain = [[p, m.coupling * q], [m.coupling * p, q]];
         Ok(Self {
             piezos,
             kick: [0, 1].map(|axis| m.noise / flexure.of_white_noise(axis)),
             flexure,
             moved: Swing::default(),
             shaken: Swing::default(),
-            gain: [[p, m.coupling * q], [m.coupling * p, q]],
+            gain,
+            cold: gain,
             centre: 0.5 * spec.micro.voltage,
             limit: spec.micro.voltage,
             step: spec.micro.resolution * spec.micro.voltage / spec.micro.range,
@@ -210,8 +217,26 @@ impl Micro {
 
     /// A piezo gives no more than a share of its stroke.
     pub(super) fn weaken(&mut self, piezo: usize, share: f64) {
-        for row in &mut self.gain {
+        for row in self.gain.iter_mut().chain(&mut self.cold) {
             row[piezo] *= share;
+        }
+    }
+
+    /// It is so many kelvin warmer than when it was commissioned.
+    pub(super) fn warm(&mut self, by: &TemperaturePlant, warmer: f64) {
+        for (row, cold) in self.gain.iter_mut().zip(&self.cold) {
+            for ((gain, cold), grows) in row.iter_mut().zip(cold).zip(by.strokes) {
+                *gain = cold * (1.0 + grows * warmer);
+            }
+        }
+        if by.hysteresis != 0.0 {
+            for piezo in &mut self.piezos {
+                let cold = piezo
+                    .cold
+                    .get_or_insert_with(|| Box::new(piezo.hysteresis.clone()));
+                piezo.hysteresis =
+                    cold.with_plays(1.0 + by.hysteresis * warmer, &mut piezo.state.0);
+            }
         }
     }
 
@@ -267,6 +292,46 @@ mod tests {
             variance.sqrt(),
             together.sum::<f64>() / (n - apart as f64) / variance,
         )
+    }
+
+    #[test]
+    fn a_warm_piezo_goes_farther_and_a_cold_one_as_before() {
+        let rig = concat!(env!("CARGO_MANIFEST_DIR"), "/../../rigs/afpm/");
+        let read = |file: &str| std::fs::read_to_string(format!("{rig}{file}")).unwrap();
+        let spec = Spec::parse("machine.toml", &read("machine.toml")).unwrap();
+        let mut plant = Plant::parse("plant.toml", &read("plant.toml")).unwrap();
+        plant.micro.noise = 0.0;
+        plant.micro.coupling = 0.0;
+        let by = TemperaturePlant {
+            swing: 5.0,
+            strokes: [0.004, 0.002],
+            hysteresis: 0.005,
+            ..TemperaturePlant::default()
+        };
+        let mut rng = rand_pcg::Pcg64Mcg::new(3);
+        let mut cold = Micro::new(&plant, &spec, &mut rng).unwrap();
+        let mut warm = cold.clone();
+        warm.warm(&by, 5.0);
+        // To the end of its stroke, where loops of any width close.
+        let end = |micro: &mut Micro, rng: &mut rand_pcg::Pcg64Mcg| {
+            for k in 0..=2000 {
+                let volts = Volts(micro.centre + micro.centre * (f64::from(k) / 1000.0).min(1.0));
+                micro.advance([volts; MICRO_AXES], rng);
+            }
+            [0, 1].map(|axis| micro.flexure.position(&micro.moved, axis))
+        };
+        let (before, now) = (end(&mut cold, &mut rng), end(&mut warm, &mut rng));
+        for (i, grows) in by.strokes.into_iter().enumerate() {
+            let by = now[i] / before[i];
+            assert!((by - (1.0 + 5.0 * grows)).abs() < 1e-3, "{i}: {by}");
+        }
+        warm.warm(&by, 0.0);
+        let (before, now) = (end(&mut cold, &mut rng), end(&mut warm, &mut rng));
+        // But for how it has crept on the way there.
+        assert!(
+            (now[0] / before[0] - 1.0).abs() < 1e-4,
+            "{now:?} {before:?}"
+        );
     }
 
     #[test]

@@ -7,7 +7,7 @@ mod spread;
 
 pub use joint::{FrictionPlant, JointPlant, LoadLaw, MotorPlant, TransmissionPlant};
 pub use production::{AdhesivePlant, HandlingPlant};
-pub use setting::{CameraPlant, ElectronicsPlant, FloorPlant, ThermalPlant};
+pub use setting::{CameraPlant, ElectronicsPlant, FloorPlant, TemperaturePlant, ThermalPlant};
 pub(super) use spread::uniform;
 pub use spread::{Misplacement, Spread, Variation};
 
@@ -53,6 +53,9 @@ pub struct Plant {
     /// Parts that warm up.
     #[serde(default)]
     pub thermal: ThermalPlant,
+    /// The room's temperature, and what it does.
+    #[serde(default)]
+    pub temperature: TemperaturePlant,
     /// The camera, where the datasheet errs about it.
     #[serde(default)]
     pub camera: CameraPlant,
@@ -394,6 +397,7 @@ impl Plant {
         self.floor.check()?;
         self.camera.check()?;
         self.electronics.check()?;
+        self.temperature.check()?;
         if self.micro.second.is_some_and(|mode| mode.damping >= 1.0) {
             let message = "1 is overdamped; accepted is a number from 0 to below 1".to_owned();
             return Err(("micro.second.damping", message));

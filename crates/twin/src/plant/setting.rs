@@ -2,6 +2,7 @@
 //! by default.
 
 use pigtail_hal::quantity;
+use pigtail_hal::spec::MICRO_AXES;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -43,6 +44,78 @@ pub struct ThermalPlant {
     /// Of the right holder.
     #[serde(with = "quantity::Speeds::<3>")]
     pub right: [f64; 3],
+}
+
+/// The room's temperature over a shift, and what it does to a machine: `swing sin(2 pi t / period)` above the one at which the machine
+/// was commissioned, of machine time `t`. What a camera's mount does is not among it: vision sees tips beside ports, both in one frame.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct TemperaturePlant {
+    /// How far it goes, kelvin.
+    #[serde(with = "quantity::NonNegative")]
+    pub swing: f64,
+    /// Until it is back on the way up, seconds.
+    #[serde(with = "quantity::PositiveTime")]
+    pub period: f64,
+    /// By what share of itself the stroke of each of a micro's two piezos grows in a kelvin.
+    pub strokes: [f64; MICRO_AXES],
+    /// By what share of itself the weight of the plays of their hysteresis grows in a kelvin: loops widen by a little more.
+    pub hysteresis: f64,
+    /// How far a kelvin moves the chip, along x, y and z of its frame, metres...
+    #[serde(with = "quantity::Lengths::<3>")]
+    pub chip: [f64; 3],
+    /// ...the left holder...
+    #[serde(with = "quantity::Lengths::<3>")]
+    pub left: [f64; 3],
+    /// ...and the right one.
+    #[serde(with = "quantity::Lengths::<3>")]
+    pub right: [f64; 3],
+}
+
+impl Default for TemperaturePlant {
+    fn default() -> Self {
+        Self {
+            swing: 0.0,
+            period: 57_600.0,
+            strokes: [0.0; MICRO_AXES],
+            hysteresis: 0.0,
+            chip: [0.0; 3],
+            left: [0.0; 3],
+            right: [0.0; 3],
+        }
+    }
+}
+
+impl TemperaturePlant {
+    /// How much warmer than when it was commissioned it is at a machine time, kelvin.
+    pub(crate) fn warmer(&self, time: f64) -> f64 {
+        if self.swing == 0.0 {
+            return 0.0;
+        }
+        self.swing * (std::f64::consts::TAU * time / self.period).sin()
+    }
+
+    /// That piezos are piezos at both ends of what it goes through.
+    pub(super) fn check(&self) -> Result<(), (&'static str, String)> {
+        if self.swing > 100.0 {
+            let message = format!("{} K is no room; accepted is 0 to 100", self.swing);
+            return Err(("temperature.swing", message));
+        }
+        for (key, share) in [
+            ("temperature.strokes", self.strokes[0]),
+            ("temperature.strokes", self.strokes[1]),
+            ("temperature.hysteresis", self.hysteresis),
+        ] {
+            let most = 0.5 / self.swing.max(1.0);
+            if !(-most..=most).contains(&share) {
+                let message = format!(
+                    "{share} a kelvin is more than a half in all; accepted is -{most} to {most}"
+                );
+                return Err((key, message));
+            }
+        }
+        Ok(())
+    }
 }
 
 /// The camera as it really is, where the datasheet errs about it.
