@@ -120,6 +120,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         row_period: arguments.row_period.unwrap_or_else(|| input.row_period()),
         max_step: arguments.max_step,
     };
+    bounded(&grid)?;
     let mut trajectory = Vec::new();
     joint(&parameters, &input, &grid, &mut trajectory)?;
     match &arguments.to {
@@ -132,6 +133,71 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         None => crate::print(&trajectory)?,
     }
     Ok(DONE)
+}
+
+/// Refuses a trajectory that nobody reads: of times in another unit it would fill the memory.
+fn bounded(grid: &Grid) -> Result<(), Failure> {
+    const MOST: f64 = 1e7;
+    let rows = grid.duration / grid.row_period;
+    if rows <= MOST {
+        return Ok(());
+    }
+    let message = format!(
+        "{} s of rows {} s apart are {rows:.1e} rows; accepted are at most {MOST:.0e}: is a column of time in another unit \
+         (as \"t:ms\"), or is a longer --row-period meant?",
+        grid.duration, grid.row_period
+    );
+    Err(Failure::Input(pigtail_hal::Error::new(
+        "--", "duration", message,
+    )))
+}
+
+/// From when to when an input goes and between what, as of a wrong unit it shows.
+fn ranges(input: &Input) -> String {
+    let (Input::Voltages(rows) | Input::Reference(rows)) = input else {
+        return String::new();
+    };
+    let [(first, _), .., (last, _)] = rows[..] else {
+        return String::new();
+    };
+    let (low, high) = bounds(rows);
+    let unit = if matches!(input, Input::Voltages(_)) {
+        "V"
+    } else {
+        "counts"
+    };
+    format!(
+        "; {} rows from {first} s to {last} s, {low:.6} to {high:.6} {unit}",
+        rows.len()
+    )
+}
+
+fn bounds(rows: &[(f64, f64)]) -> (f64, f64) {
+    rows.iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (_, v)| {
+            (low.min(*v), high.max(*v))
+        })
+}
+
+/// That voltages lie beyond the servo's: an amplifier would not give them, or they are in another unit.
+fn beyond(input: &Input, parameters: &Parameters) -> Option<String> {
+    let Input::Voltages(rows) = input else {
+        return None;
+    };
+    let (low, high) = bounds(rows);
+    let count = rows
+        .iter()
+        .filter(|(_, v)| v.abs() > parameters.Vmax)
+        .count();
+    (count > 0).then(|| {
+        format!(
+            "Note: {count} of {} voltages lie beyond the servo's {} V, up to {:.6} V; they are played as they are: is the column in \
+             another unit?",
+            rows.len(),
+            parameters.Vmax,
+            high.max(-low)
+        )
+    })
 }
 
 fn input(
@@ -155,7 +221,10 @@ fn input(
     };
     // The trajectory itself may go to standard output.
     if let Some((input, understood)) = file {
-        crate::say(&format!("Read: {understood}"));
+        crate::say(&format!("Read: {understood}{}", ranges(&input)));
+        if let Some(note) = beyond(&input, parameters) {
+            crate::say(&note);
+        }
         return Ok(input);
     }
     if let Some(Numbers([a1, a2, period])) = *impulse {

@@ -420,7 +420,11 @@ impl Spread {
     fn law(&self, middle: f64, unit: &str) -> Result<At, String> {
         let width = |width: &Value| match width {
             Value::String(_) => in_unit(width, unit),
-            share => quantity(share).map(|(share, _)| share * middle.abs()),
+            // A share of nothing would draw nothing: about zero a plain number is so much of what it is.
+            share => {
+                let of = if middle == 0.0 { 1.0 } else { middle.abs() };
+                quantity(share).map(|(share, _)| share * of)
+            }
         };
         Ok(match (&self.uniform, &self.normal, self.lognormal) {
             (Some(half), ..) => At::Uniform(middle, width(half)?),

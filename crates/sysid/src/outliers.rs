@@ -206,14 +206,36 @@ fn step(column: &[f64], cluster: &Range<usize>, most: f64) -> Option<(usize, f64
 /// Sets aside single samples of a column that may jump, such as a voltage: those whose neighbours agree with each
 /// other and not with them.
 pub fn jumping(even: &mut Even, column: usize) -> usize {
-    let off = |w: &[f64]| w[1] - 0.5 * (w[0] + w[2]);
-    let sizes: Vec<f64> = even
-        .stretches
-        .iter()
+    let [often, seldom] = quantiles(off_neighbours(even, column), [0.9, 0.99]);
+    single(even, column, (FAR * often).max(2.0 * seldom))
+}
+
+/// The same of a column that is followed slowly, such as a torque, in which a sample that stands alone means nothing: nothing of one of which
+/// many do.
+pub fn alone(even: &mut Even, column: usize) -> usize {
+    let sizes = off_neighbours(even, column);
+    let [often] = quantiles(sizes.clone(), [0.9]);
+    let far = sizes.iter().filter(|s| **s > FAR * often).count();
+    // Each one shows at its neighbours, too.
+    if far as f64 > 3.0 * MANY * sizes.len() as f64 {
+        return 0;
+    }
+    single(even, column, FAR * often)
+}
+
+/// How far a sample is from the middle of its neighbours.
+fn off(w: &[f64]) -> f64 {
+    w[1] - 0.5 * (w[0] + w[2])
+}
+
+fn off_neighbours(even: &Even, column: usize) -> Vec<f64> {
+    let stretches = even.stretches.iter();
+    stretches
         .flat_map(|s| s.columns[column].windows(3).map(|w| off(w).abs()))
-        .collect();
-    let [often, seldom] = quantiles(sizes, [0.9, 0.99]);
-    let most = (FAR * often).max(2.0 * seldom);
+        .collect()
+}
+
+fn single(even: &mut Even, column: usize, most: f64) -> usize {
     let mut aside = 0;
     if most <= 0.0 {
         return 0;

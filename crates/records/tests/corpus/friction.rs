@@ -3,7 +3,8 @@
 use crate::{Wanted, normal};
 use pigtail_records::columns::Named;
 use pigtail_records::friction::{Roles, friction};
-use pigtail_sysid::friction::{Law, Record, identify};
+use pigtail_sysid::friction::{Identified, Law, Record, identify};
+use pigtail_sysid::{Known, Unknown};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::fmt::Write as _;
@@ -283,6 +284,74 @@ fn no_mangled_record_of_friction_is_wrong_and_looks_right() {
         wrong.len(),
         wrong.join("\n")
     );
+}
+
+/// Means of so many samples, from the one `ahead` of each backwards.
+fn averaged(rows: &mut Rows, length: usize, ahead: usize) {
+    let old = rows.clone();
+    let at = |k: usize| old[k.min(old.len() - 1)][1];
+    for (k, row) in rows.iter_mut().enumerate() {
+        let sum: f64 = (0..length).map(|i| at((k + ahead).saturating_sub(i))).sum();
+        row[1] = sum / length as f64;
+    }
+}
+
+fn told(rows: &Rows) -> Result<Identified, Unknown> {
+    let column = |c: usize, unit: f64| -> Vec<f64> { rows.iter().map(|r| unit * r[c]).collect() };
+    let record = Record::new(Some(&column(0, 1.0)), &column(1, 1e-6), &column(2, 1.0))?;
+    identify(&record, None, 4)
+}
+
+/// What nobody knows of a displacement, a motion that was smoothed, steps that were, peaks that were cut off, moves all turns alike: without
+/// what the force says of it ways were 1.6 to 71 % off by six to nine of their deviations.
+#[test]
+fn a_way_is_as_sure_as_its_displacement() {
+    let cases: [(&str, Mangle); 6] = [
+        ("a mean of 61", |rows, _| averaged(rows, 61, 30)),
+        ("a mean of the last 61", |rows, _| averaged(rows, 61, 0)),
+        ("a lag of 15", |rows, _| {
+            let mut slow = rows[0][1];
+            for row in rows {
+                slow += (row[1] - slow) / 15.0;
+                row[1] = slow;
+            }
+        }),
+        ("steps of 8 um, a mean of the last 41", |rows, _| {
+            rows.iter_mut()
+                .for_each(|r| r[1] = (r[1] / 8.0).round() * 8.0);
+            averaged(rows, 41, 0);
+        }),
+        ("cut off at 80 um", |rows, _| {
+            rows.iter_mut().for_each(|r| r[1] = r[1].clamp(-80.0, 80.0));
+        }),
+        ("cut off at 80 um before its noise", |rows, rng| {
+            rows.iter_mut()
+                .for_each(|r| r[1] = r[1].clamp(-80.0, 80.0) + 0.02 * normal(rng));
+        }),
+    ];
+    let good = made(6000, 0.01, 8);
+    for (k, (name, mangle)) in cases.iter().enumerate() {
+        let mut rows = good.clone();
+        mangle(&mut rows, &mut Pcg64Mcg::seed_from_u64(500 + k as u64));
+        let Ok(found) = told(&rows) else {
+            eprintln!("refused {name}");
+            continue;
+        };
+        let law = found.laws[found.best].law;
+        eprintln!("{name}: {law:?} {:?}", found.parameters);
+        for (parameter, is) in found.parameters.iter().zip([LEVEL, 1e-6 * WAY]) {
+            let known = parameter.known.filter(|_| law == Law::Presliding);
+            let far = |k: &Known| (k.value - is).abs() / k.std_correlated;
+            assert!(
+                known.is_none_or(|k| far(&k) < 2.6 || (k.value / is - 1.0).abs() < 1e-3),
+                "{name}: {known:?} for {is}"
+            );
+        }
+    }
+    let found = told(&good).expect("laws");
+    // One of which all is well is told as well as before.
+    let way = found.parameters[1].known.expect("a way");
+    assert!(way.std_correlated < 2e-3 * 1e-6 * WAY, "{way:?}");
 }
 
 /// As many rows as a fast logger writes: what is taken of them is fine enough still.

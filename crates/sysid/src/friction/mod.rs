@@ -1,6 +1,7 @@
 //! A law of friction from force against displacement, presliding and sliding.
 
 mod beside;
+mod blurred;
 mod bristle;
 mod changes;
 mod check;
@@ -147,6 +148,7 @@ pub fn identify(
     speeds::allow(&mut laws, record);
     changes::allow(&mut laws, record);
     tremble::allow(&mut laws, record);
+    blurred::allow(&mut laws, record);
     let chosen = &laws[best];
     if chosen.relative_error_percent > UNEXPLAINED {
         let mut because = format!(
@@ -250,6 +252,7 @@ mod tests {
             skew: 0.0,
             raw: None,
             tremble: 0.0,
+            noise: 0.0,
             remarks: Vec::new(),
         };
         let told = law.predict(parameters, &record.samples);

@@ -3,7 +3,7 @@
 use super::Unknown;
 use super::skew::{self, Skew};
 use super::smooth::smoothed;
-use super::tremble::tremble;
+use super::tremble::{noise, tremble};
 use crate::timeline::counted;
 use pigtail_numerics::signal::quantile;
 
@@ -31,6 +31,8 @@ pub struct Record {
     pub(super) raw: Option<Vec<Sample>>,
     /// By how much its displacement trembles, m or rad.
     pub(super) tremble: f64,
+    /// The noise of each displacement as it was written, m or rad.
+    pub(super) noise: f64,
     pub(super) remarks: Vec<String>,
 }
 
@@ -117,10 +119,12 @@ impl Record {
             skew: 0.0,
             raw: None,
             tremble: 0.0,
+            noise: 0.0,
             remarks,
         };
         record.check()?;
         record.thin();
+        record.noise = noise(&record);
         record.tremble = tremble(&record);
         if let Some(reach) = smoothed(&mut record) {
             record.remarks.push(format!(

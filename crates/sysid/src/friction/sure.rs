@@ -66,21 +66,53 @@ pub(super) fn joint(
     samples: &[Sample],
     near: &[f64],
 ) -> Option<(Vec<f64>, f64)> {
+    let found = beside(law, record, samples, near, None)?;
+    Some((found.values, found.skew))
+}
+
+/// Parameters that were told together with what nobody knows of the displacement.
+pub(super) struct Beside {
+    pub(super) values: Vec<f64>,
+    /// By how many samples the force is later than its row's displacement.
+    pub(super) skew: f64,
+    /// What is left of the force, over the largest one.
+    pub(super) left: Vec<f64>,
+}
+
+/// Parameters with a small skew and, where there is one, with as much of `other` in the displacement as tells the force best, m or rad.
+pub(super) fn beside(
+    law: Law,
+    record: &Record,
+    samples: &[Sample],
+    near: &[f64],
+    other: Option<&[f64]>,
+) -> Option<Beside> {
     let force = record.largest_force();
     let period = record.period();
     let counts = settled(law, near, samples);
+    let own = near.len();
     let scaled = |c: &[f64]| -> Vec<f64> {
-        let (by, coded) = c.split_last().unwrap_or((&0.0, c));
+        let (coded, more) = c.split_at(own);
         if coded.iter().any(|c| c.abs() > 60.0) {
             return vec![f64::NAN; samples.len()];
         }
-        let moved = displaced(samples, by * period);
+        let mut moved = displaced(samples, more[0] * period);
+        if let (Some(share), Some(other)) = (more.get(1), other) {
+            for (s, other) in moved.iter_mut().zip(other) {
+                s.displacement += share * other;
+            }
+        }
         let left = counted(law, &law.decoded(coded, force), &moved, &counts);
         left.into_iter().map(|l| l / force).collect()
     };
-    let (mut found, _) = minimise(scaled, &[law.coded(near, force), vec![0.0]].concat())?;
-    let by = found.pop()?;
-    Some((law.decoded(&found, force), by))
+    let mut start = law.coded(near, force);
+    start.resize(own + 1 + usize::from(other.is_some()), 0.0);
+    let (found, _) = minimise(scaled, &start)?;
+    Some(Beside {
+        values: law.decoded(&found[..own], force),
+        skew: found[own],
+        left: scaled(&found),
+    })
 }
 
 /// Middle and deviation of what is anywhere from none to one.

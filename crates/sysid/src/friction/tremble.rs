@@ -1,11 +1,13 @@
 //! A displacement that goes to and fro about its motion: steps of a coarse sensor, smoothed or not, a hum, play.
 //!
 //! Where a contact turns is read off the displacement, and what trembles moves the farthest place outward, noise as well as all else that
-//! is slower than a sample. Noise is looked at where laws are fitted; the rest shows beside parabolas through the motion.
+//! is slower than a sample. Noise is looked at where laws are fitted; the rest shows beside parabolas through the motion, and, where no
+//! parabola through the motion is as fine, by the force: where a contact gives way it says where it is.
 
+use super::fit::settled;
 use super::smooth::parabola;
-use super::{Fitted, Record, turned};
-use pigtail_numerics::signal::quantile;
+use super::{Fitted, LEAST, Record, residuals, turned};
+use pigtail_numerics::signal::{independent, quantile, rms};
 
 /// Parabolas from one turn to the next.
 const EACH: usize = 8;
@@ -20,12 +22,16 @@ const MORE: f64 = 1.5;
 /// The third quartile of the sizes of normal numbers over their deviation.
 const QUARTILE: f64 = 1.1503;
 
+/// Samples on either side of parabolas of which there are so many from one turn to the next.
+pub(super) fn reach(record: &Record) -> usize {
+    let (low, high) = record.range(|s| s.displacement);
+    let turns = turned(&record.samples, WIDE * (high - low)).len().max(1);
+    record.samples.len() / (2 * EACH * turns)
+}
+
 /// By how much, as a standard deviation. Zero where it is the noise of each sample.
 pub(super) fn tremble(record: &Record) -> f64 {
-    let samples = &record.samples;
-    let (low, high) = record.range(|s| s.displacement);
-    let turns = turned(samples, WIDE * (high - low)).len().max(1);
-    let reach = samples.len() / (2 * EACH * turns);
+    let (samples, reach) = (&record.samples, reach(record));
     if reach < 2 {
         return 0.0;
     }
@@ -34,13 +40,7 @@ pub(super) fn tremble(record: &Record) -> f64 {
         .filter_map(|k| Some((samples[k].displacement - parabola(samples, k, reach)?[0]).abs()))
         .collect();
     let size = quantile(&beside, 0.75) / QUARTILE;
-    // Of white noise the second difference has six times the power.
-    let seconds: Vec<f64> = samples
-        .windows(3)
-        .filter(|w| !w[1].begins && !w[2].begins)
-        .map(|w| (w[0].displacement - 2.0 * w[1].displacement + w[2].displacement).abs())
-        .collect();
-    let noise = quantile(&seconds, 0.75) / (QUARTILE * 6f64.sqrt());
+    let noise = noise(record);
     if size > MORE * noise {
         (size * size - noise * noise).sqrt()
     } else {
@@ -48,12 +48,70 @@ pub(super) fn tremble(record: &Record) -> f64 {
     }
 }
 
-/// Makes laws less sure by it: a way by the half of a step whose error has that deviation, a stiffness by as large a share, and a level by
-/// the share of the stroke where the contact's state is another one for it.
+/// Deviation of the displacement's noise from sample to sample: of white noise the second difference has six times the power.
+pub(super) fn noise(record: &Record) -> f64 {
+    let seconds: Vec<f64> = record
+        .samples
+        .windows(3)
+        .filter(|w| !w[1].begins && !w[2].begins)
+        .map(|w| (w[0].displacement - 2.0 * w[1].displacement + w[2].displacement).abs())
+        .collect();
+    quantile(&seconds, 0.75) / (QUARTILE * 6f64.sqrt())
+}
+
+/// A contact slides where a law's force is within this share of a side's level.
+const SLIDES: f64 = 0.03;
+
+/// Deviations by which more is left where it gives way than where it slides: once in ten thousand times.
+const SURE: f64 = 3.72;
+
+/// By how much the displacement is another one where the contact gives way than the one that is written, as a standard deviation, by what
+/// a law leaves of the force there beyond what it leaves where the contact slides, and what noise of each sample makes of it.
+///
+/// Steps of a coarse sensor that were smoothed, and a motion that was, turn elsewhere than the contact did, alike at each turn: batches all
+/// have the same of it, and do not tell.
+fn astray(record: &Record, fitted: &Fitted) -> f64 {
+    let (law, values) = (fitted.law, &fitted.values);
+    let [forward, backward] = law.sides(values);
+    let both = forward + backward;
+    let told = law.predict(values, &record.samples);
+    let left = residuals(law, values, &record.samples, 0);
+    let counts = settled(law, values, &record.samples);
+    let (mut gives, mut slides) = (Vec::new(), Vec::new());
+    for ((told, left), _) in told
+        .iter()
+        .zip(left)
+        .zip(counts)
+        .filter(|(_, counts)| *counts)
+    {
+        let near = (forward - told).abs().min((backward + told).abs());
+        if near < SLIDES * both {
+            slides.push(left);
+        } else {
+            gives.push(left);
+        }
+    }
+    if gives.len() < LEAST || slides.len() < LEAST {
+        return 0.0;
+    }
+    let stiffness = 0.5 * both / law.way(values);
+    let own = rms(slides.iter().copied()).hypot(stiffness * record.noise);
+    let chance = (2.0 / independent(&gives) + 2.0 / independent(&slides)).sqrt();
+    let power = rms(gives.iter().copied()).powi(2);
+    if power > own * own * (1.0 + SURE * chance) {
+        (power - own * own).sqrt() / stiffness
+    } else {
+        0.0
+    }
+}
+
+/// Makes laws less sure by it: a way by the half of a step whose error has that deviation, or by what the force says of the displacement, a
+/// stiffness by as large a share, and a level by the share of the stroke where the contact's state is another one for it.
 pub(super) fn allow(laws: &mut [Fitted], record: &Record) {
-    let by = 3f64.sqrt() * record.tremble;
+    let trembles = 3f64.sqrt() * record.tremble;
     let (low, high) = record.range(|s| s.displacement);
     for fitted in laws {
+        let by = trembles.max(astray(record, fitted));
         let way = fitted.law.way(&fitted.values);
         for (name, known) in fitted.law.parameters().iter().zip(&mut fitted.known) {
             let off = match *name {

@@ -1,6 +1,48 @@
 //! Whether all that a record holds says the same of its transmission: its parts, the moments of its channels, the models that tell it.
 
-use super::{Fitted, Known, Record, Signals, TORQUE, Unknown};
+use super::{FOLDS, Fitted, Known, Record, Signals, TORQUE, Unknown};
+use crate::steady::between;
+
+/// Deviations by which something differs that chance makes differ once in ten thousand times.
+const SURE: f64 = 3.72;
+
+/// By how much a model's parameters are less sure than its own deviations, by name: by what parts of the record differ by, and by what small
+/// torques say otherwise.
+///
+/// Batches of a record all have the same of a torque that was cut off, and their scatter says nothing of it.
+pub(super) fn unsure(chosen: &Fitted, signals: &Signals) -> Vec<(&'static str, f64)> {
+    let n = signals.time.len();
+    let changes = |of: &dyn Fn(usize) -> bool| {
+        signals.changes(chosen.parts, (chosen.way, &chosen.values), of)
+    };
+    let mut unsure: Vec<(&'static str, f64)> = Vec::new();
+    let folds: Vec<_> = (0..FOLDS)
+        .filter_map(|fold| changes(&|k| (fold * n / FOLDS..(fold + 1) * n / FOLDS).contains(&k)))
+        .collect();
+    if let [first, .., _] = &folds[..] {
+        for (j, (name, ..)) in first.iter().enumerate() {
+            let own: Vec<(f64, f64)> = folds.iter().map(|f| (f[j].1, f[j].2)).collect();
+            unsure.push((name, between(&own)));
+        }
+    }
+    if let Some(torque) = signals.torque.as_ref().filter(|_| chosen.parts.compliance) {
+        /// Share of the largest torque up to which it is small: what is cut off, or bent, is so at its peaks.
+        const SMALL: f64 = 0.7;
+        let (low, high) = torque
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), t| {
+                (l.min(*t), h.max(*t))
+            });
+        let small = |k: usize| (torque[k] - 0.5 * (low + high)).abs() < 0.5 * SMALL * (high - low);
+        let other = changes(&small).into_iter().flatten();
+        unsure.extend(
+            other
+                .filter(|(_, by, std)| by.abs() > SURE * std)
+                .map(|(name, by, _)| (name, by)),
+        );
+    }
+    unsure
+}
 
 /// That the transmission is the same throughout the record: parts that are told far better each by itself, and by another
 /// compliance, are of other transmissions or of a torque of another gain.
@@ -103,9 +145,15 @@ pub(super) fn of_one_moment(
     }
 }
 
-/// A parameter as sure as the models agree on it that leave at most a quarter more than the chosen one: none of them need be of the
-/// transmission's own law.
-pub(super) fn agreed(models: &[Fitted], chosen: &Fitted, name: &str, known: Known) -> Known {
+/// A parameter as sure as the models agree on it that leave at most a quarter more than the chosen one, for none of them need be of the
+/// transmission's own law; and less by what is [`unsure`] of it.
+pub(super) fn agreed(
+    models: &[Fitted],
+    chosen: &Fitted,
+    unsure: &[(&'static str, f64)],
+    name: &str,
+    known: Known,
+) -> Known {
     const MORE: f64 = 1.25;
     let apart = models
         .iter()
@@ -117,8 +165,10 @@ pub(super) fn agreed(models: &[Fitted], chosen: &Fitted, name: &str, known: Know
         })
         .filter(|squares| squares.is_finite())
         .fold(0.0, f64::max);
+    let own = unsure.iter().filter(|(of, _)| *of == name);
+    let std = known.std_correlated.hypot(apart.sqrt());
     Known {
-        std_correlated: known.std_correlated.hypot(apart.sqrt()),
+        std_correlated: own.fold(std, |std, (_, by)| std.hypot(*by)),
         ..known
     }
 }

@@ -16,13 +16,13 @@ mod check;
 mod role;
 mod signals;
 
-use alike::{agreed, changing, of_one_moment};
+use alike::{agreed, changing, of_one_moment, unsure};
 use check::{check, excitation};
 use role::{ahead, commanded, either, idle, lags, passive, turned_unseen};
 use signals::Signals;
 
 use super::outliers;
-use super::timeline::Even;
+use super::timeline::{Even, counted};
 use super::{Account, Known, Parameter, Unknown};
 use pigtail_numerics::signal::{quantile, rms};
 
@@ -265,13 +265,14 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
     if unknown.is_empty() && open {
         either(record.has_torque, chosen, &mut unknown, &mut remarks);
     }
+    let less = unsure(chosen, &signals);
     let parameters = chosen
         .parameters
         .iter()
         .map(|(name, known)| Parameter {
             name,
             known: (!unknown.iter().any(|u| u.covers(name)))
-                .then(|| agreed(&models, chosen, name, *known)),
+                .then(|| agreed(&models, chosen, &less, name, *known)),
         })
         .collect();
     let residuals = signals.residuals(&signals.columns(chosen.parts, chosen.way), &chosen.values);
@@ -339,6 +340,15 @@ fn cleaned(record: &Record, remarks: &mut Vec<String>) -> Result<Record, Unknown
                  slipped",
                 aside.steps
             )));
+        }
+    }
+    if record.has_torque {
+        let apart = outliers::alone(&mut record.even, TORQUE);
+        if apart > 0 {
+            remarks.push(format!(
+                "{} of the torque, apart from both neighbours, set aside and bridged",
+                counted(apart, "single sample")
+            ));
         }
     }
     Ok(record)

@@ -287,10 +287,21 @@ impl Signals {
 
     /// How sure a model's values are, its way (the last) among them, from what it leaves.
     pub(super) fn uncertainty(&self, parts: Parts, way: f64, whole: &Solution) -> Option<Solution> {
+        let columns = self.with_way(parts, way, &whole.values)?;
+        least_squares_of_time(&over(&columns, &self.settled), &whole.residuals, 1)
+    }
+
+    /// The columns, and what a change of the way makes of the windup.
+    fn with_way(
+        &self,
+        parts: Parts,
+        way: f64,
+        values: &[f64],
+    ) -> Option<Vec<(&'static str, Vec<f64>)>> {
         const STEP: f64 = 0.02;
         let mut columns = self.columns(parts, way);
         let maximum = columns.iter().position(|(name, _)| *name == "w_max")?;
-        let size = whole.values[maximum];
+        let size = values[maximum];
         let (more, less) = (
             self.reversal(way * (1.0 + STEP)),
             self.reversal(way * (1.0 - STEP)),
@@ -301,7 +312,34 @@ impl Signals {
             .map(|(a, b)| size * (a - b) / (2.0 * STEP * way))
             .collect();
         columns.push(("q", slope));
-        least_squares_of_time(&over(&columns, &self.settled), &whole.residuals, 1)
+        Some(columns)
+    }
+
+    /// By how much a model's parameters are other ones at some of its samples, each with its deviation; by the columns' order, its way the last.
+    pub(super) fn changes(
+        &self,
+        parts: Parts,
+        (way, values): (f64, &[f64]),
+        of: impl Fn(usize) -> bool,
+    ) -> Option<Vec<(&'static str, f64, f64)>> {
+        let columns = self
+            .with_way(parts, way, values)
+            .unwrap_or_else(|| self.columns(parts, way));
+        let residuals = self.residuals(&columns[..values.len()], values);
+        let rows: Vec<usize> = self.settled.iter().copied().filter(|k| of(*k)).collect();
+        if rows.len() < LEAST.max(10 * columns.len()) {
+            return None;
+        }
+        let left: Vec<f64> = rows.iter().map(|k| residuals[*k]).collect();
+        let found = least_squares_of_time(&over(&columns, &rows), &left, 1)?;
+        let known = found.values.iter().zip(&found.std_correlated);
+        let names = columns.iter().map(|(name, _)| *name);
+        Some(
+            names
+                .zip(known)
+                .map(|(name, (by, std))| (name, *by, *std))
+                .collect(),
+        )
     }
 }
 
