@@ -202,7 +202,13 @@ impl Shared<'_> {
         self.approach(cell, aim, scan, before, (gap + beyond, 0))
             .await?;
         let way = aim.gap_at_rest(cell) - gap;
-        along(cell, aim, scan, way, TUNING.gap.nearly).await?;
+        let roomy = gap - nearest_by_vision(cell, aim) > TUNING.gap.roomy;
+        let speed = if roomy {
+            TUNING.gap.nearly
+        } else {
+            TUNING.gap.slowly
+        };
+        along(cell, aim, scan, way, speed).await?;
         lead(cell, aim, scan).await
     }
 

@@ -82,6 +82,8 @@ pub(super) struct Near {
 struct Distance {
     /// From where the chip stands out most where the tip may be, what is not known of both taken off, metres.
     clearance: f64,
+    /// By how much the output is farther ahead of its motor than it was when vision saw the tip, metres.
+    ahead: f64,
     /// Whether that is the port in whose light it may stand.
     in_light: bool,
 }
@@ -533,12 +535,13 @@ impl Keepout {
             // And one whose encoder is stuck as fast as its output.
             let ahead = self.stand(i, 0).ahead - self.stand(i, AT_ONCE).ahead;
             let output = now + ahead * self.rate / AT_ONCE as f64;
-            let speed = on_average.max(now).max(output).max(0.0);
-            let stop = if speed > 0.0 {
-                speed * GuardSpec::REACTION / self.rate + 0.5 * speed * speed / self.brake
-            } else {
-                0.0
-            };
+            let [stop, stop_output] = [on_average.max(now), output].map(|speed| {
+                if speed > 0.0 {
+                    speed * GuardSpec::REACTION / self.rate + 0.5 * speed * speed / self.brake
+                } else {
+                    0.0
+                }
+            });
             let across = match outputs[i] {
                 Some((_, holder)) => self.comes_nearer_across(i, holder),
                 None => 0.0,
@@ -553,9 +556,10 @@ impl Keepout {
                 let beside = if there { 2.0 * BESIDE } else { BESIDE };
                 let Distance {
                     clearance,
+                    ahead,
                     in_light,
                 } = self.clearance(tip, self.fibers[i].as_ref(), probed[i], beside);
-                let near = clearance < GuardSpec::LED;
+                let near = clearance - ahead.max(0.0) < GuardSpec::LED;
                 self.led[i] = near.then_some(match self.led[i] {
                     Some(led) => Led {
                         in_light: led.in_light || in_light,
@@ -568,26 +572,27 @@ impl Keepout {
                     Some(led) if in_light => ((x - led.x) * facet.stands_out).max(0.0),
                     _ => 0.0,
                 };
-                let clearance = clearance - out;
-                (tip.name(), clearance)
+                (tip.name(), clearance - out, ahead)
             } else {
                 // An empty holder is as broad as it is.
                 let at = self.stand(i, 0).tip;
                 let front = facet.gap(at.z) + self.holder.tip;
                 let aside = (at.x - facet.ports[0].x).abs() + 0.5 * self.holder.width;
                 let clearance = front - aside * facet.stands_out.abs() - self.placement;
-                (["left holder", "right holder"][i], clearance)
+                (["left holder", "right holder"][i], clearance, 0.0)
             };
             let beside = if side == Side::Right {
                 let distance =
                     self.clearance(Tip::Sensing, self.sensing.as_ref(), probed[i], BESIDE);
-                Some((Tip::Sensing.name(), distance.clearance))
+                Some((Tip::Sensing.name(), distance.clearance, distance.ahead))
             } else {
                 None
             };
             self.clearances[i] = f64::INFINITY;
-            for (what, clearance) in std::iter::once(carried).chain(beside) {
-                self.clearances[i] = self.clearances[i].min(clearance);
+            for (what, clearance, ahead) in std::iter::once(carried).chain(beside) {
+                self.clearances[i] = self.clearances[i].min(clearance - ahead.max(0.0));
+                // An output that is behind its motor may be the faster of both, and that from farther away.
+                let stop = (ahead.max(0.0) + stop).max(ahead + stop_output);
                 let clearance = clearance - stop - across;
                 if clearance < nearest.clearance {
                     nearest = Near { what, clearance };
@@ -630,6 +635,7 @@ impl Keepout {
             let aside = self.placement + self.windup;
             return Distance {
                 clearance: facet.clearance(at.x, at.z, aside) - self.placement,
+                ahead: 0.0,
                 in_light: false,
             };
         };
@@ -648,10 +654,10 @@ impl Keepout {
             Tip::Fiber(_) => facet.gap_in_light(x, z, aside + beside),
             Tip::Sensing => None,
         };
-        // What vision saw was the output's: where that is farther ahead than it was then, the motor does not tell how near it is.
-        let ahead = (now.ahead - belief.ahead).max(0.0);
         Distance {
-            clearance: in_light.unwrap_or_else(|| facet.clearance(x, z, aside)) - unsure - ahead,
+            clearance: in_light.unwrap_or_else(|| facet.clearance(x, z, aside)) - unsure,
+            // What vision saw was the output's: where that is farther ahead than it was then, the motor does not tell how near it is.
+            ahead: now.ahead - belief.ahead,
             in_light: in_light.is_some(),
         }
     }
