@@ -248,7 +248,6 @@ fn an_encoder_that_sticks_on_the_way_drives_nothing_into_the_chip() {
     for (seed, fault) in [
         ("76002462", "encoder-stuck:left.a@2.768s"),
         ("76005864", "encoder-stuck:left.a@1.459s"),
-        ("76007481", "encoder-stuck:left.a@1.388s"),
         ("78001490", "encoder-stuck:left.z@2.909s"),
         ("78003298", "encoder-stuck:left.z@1.81s"),
         // Within 77 um of a port's light, where the guard takes a fiber to be in it: the output went on while its motor stood.

@@ -113,7 +113,7 @@ enum Law {
 struct Spread {
     /// What to draw around, in place of the plant's own value.
     about: Option<Value>,
-    /// Half range of a uniform distribution: a share of the value, or a quantity of its kind.
+    /// Half range of a uniform distribution: a share of the value, of one about zero, or a quantity of its kind.
     uniform: Option<Value>,
     /// Standard deviation of a normal distribution, likewise.
     normal: Option<Value>,
@@ -420,7 +420,7 @@ impl Spread {
     fn law(&self, middle: f64, unit: &str) -> Result<At, String> {
         let width = |width: &Value| match width {
             Value::String(_) => in_unit(width, unit),
-            // A share of nothing would draw nothing: about zero a plain number is so much of what it is.
+            // A share of nothing would draw nothing.
             share => {
                 let of = if middle == 0.0 { 1.0 } else { middle.abs() };
                 quantity(share).map(|(share, _)| share * of)
