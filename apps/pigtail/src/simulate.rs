@@ -147,9 +147,7 @@ fn bounded(grid: &Grid) -> Result<(), Failure> {
          (as \"t:ms\"), or is a longer --row-period meant?",
         grid.duration, grid.row_period
     );
-    Err(Failure::Input(pigtail_hal::Error::new(
-        "--", "duration", message,
-    )))
+    Err(bad("--duration", &message))
 }
 
 /// From when to when an input goes and between what, as of a wrong unit it shows.
@@ -200,13 +198,16 @@ fn beyond(input: &Input, parameters: &Parameters) -> Option<String> {
     })
 }
 
+/// An option that says what cannot be done.
+fn bad(option: &str, message: &str) -> Failure {
+    Failure::Input(pigtail_hal::Error::new("simulate joint", option, message))
+}
+
 fn input(
     arguments: &InputArguments,
     rate: Option<f64>,
     parameters: &Parameters,
 ) -> Result<Input, Failure> {
-    let bad =
-        |key: &str, message: &str| Failure::Input(pigtail_hal::Error::new("--", key, message));
     let InputArguments {
         input,
         reference,
@@ -230,7 +231,7 @@ fn input(
     if let Some(Numbers([a1, a2, period])) = *impulse {
         if period <= 0.0 {
             return Err(bad(
-                "impulse",
+                "--impulse",
                 "T is not positive; accepted is a length above zero",
             ));
         }
@@ -239,7 +240,7 @@ fn input(
     if let Some(Numbers([counts, period])) = *triangle {
         if period <= 0.0 {
             return Err(bad(
-                "triangle",
+                "--triangle",
                 "PERIOD is not positive; accepted is one above zero",
             ));
         }
@@ -247,7 +248,7 @@ fn input(
     }
     let Some(Numbers([counts])) = *step else {
         return Err(bad(
-            "input",
+            "--input",
             "is missing; accepted is one of input, reference, impulse, step, triangle",
         ));
     };

@@ -445,13 +445,36 @@ fn gains_that_are_not_finite_are_refused() {
     }
 }
 
+/// A stage as `simulate joint` takes it.
+const JOINT: &str = "[z]\nJl = 1.75e-5\nJm = 1e-6\nNenc = 2048\nP = 1.01e-4\nR = 5.53\nTs = 4e-4\n\
+    Vint = 3.55\nVmax = 24\nbl = 5.7e-3\nbm = 1.71e-6\nfcl = 2.94e-3\n\
+    fcm = 2.09e-3\nfsl = 3.06e-3\nfsm = 2.58e-3\nkb = 0.02\nkm = 0.02\nks = 3.95\n\
+    r = 0.2\nkp = 0.834\nki = 72.8\nkd = 3.97e-4\n";
+
+/// Milliseconds that pass for seconds, a quarter of an hour of them: their rows would fill the memory.
+#[test]
+fn a_simulation_that_nobody_could_read_is_refused() {
+    let folder = Folder::new("", |text| text);
+    let rows: Vec<_> = (0..1800)
+        .map(|k| format!("{},{}", 500 * k, k % 3))
+        .collect();
+    let rows = rows.join("\n");
+    let write = |name: &str, text: &str| fs::write(folder.0.path().join(name), text);
+    write("long.csv", &format!("time_s,u_V\n{rows}")).expect("a file");
+    write("joint.toml", JOINT).expect("a file");
+    let joint = ["simulate", "joint", "--params", "joint.toml", "--axis", "z"];
+    let (code, _, error) = folder.run(&[&joint[..], &["--input", "long.csv"]].concat());
+    assert_eq!(code, Some(2), "{error}");
+    assert!(
+        error.contains("--duration") && error.contains("another unit"),
+        "{error}"
+    );
+}
+
 #[test]
 fn simulations_refuse_what_they_cannot_do() {
     let folder = Folder::new("", |text| text);
-    let parameters = "[z]\nJl = 1.75e-5\nJm = 1e-6\nNenc = 2048\nP = 1.01e-4\nR = 5.53\nTs = 4e-4\n\
-                      Vint = 3.55\nVmax = 24\nbl = 5.7e-3\nbm = 1.71e-6\nfcl = 2.94e-3\n\
-                      fcm = 2.09e-3\nfsl = 3.06e-3\nfsm = 2.58e-3\nkb = 0.02\nkm = 0.02\nks = 3.95\n\
-                      r = 0.2\nkp = 0.834\nki = 72.8\nkd = 3.97e-4\n";
+    let parameters = JOINT;
     let write = |name: &str, text: &str| {
         fs::write(folder.0.path().join(name), text).expect("a file");
     };
