@@ -421,6 +421,9 @@ impl Spread {
         let width = |width: &Value| match width {
             Value::String(_) => in_unit(width, unit),
             // A share of nothing would draw nothing.
+            _ if middle == 0.0 && !unit.is_empty() => Err(format!(
+                "is drawn about 0 {unit}, of which a share is nothing; accepted is a width in {unit}, such as \"1 {unit}\""
+            )),
             share => {
                 let of = if middle == 0.0 { 1.0 } else { middle.abs() };
                 quantity(share).map(|(share, _)| share * of)

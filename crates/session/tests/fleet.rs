@@ -134,6 +134,12 @@ fn what_is_drawn_is_spread_as_the_file_says() {
     let delays = sorted(plants.iter().map(|plant| plant.electronics.delay));
     assert!(delays[0] >= 0.0 && delays[1999] <= 0.4e-3);
     assert!((percentile(&delays, 0.5) / 0.2e-3 - 1.0).abs() < 0.1);
+    // scale = { about = [0.0, 0.0], normal = 0.001 }: of a plain number about zero no share is meant. Of each, three standard deviations.
+    for i in 0..2 {
+        let squares: f64 = plants.iter().map(|p| p.camera.scale[i].powi(2)).sum();
+        let deviation = (squares / plants.len() as f64).sqrt();
+        assert!((deviation / 1e-3 - 1.0).abs() < 0.05, "{deviation}");
+    }
 }
 
 #[test]
@@ -219,6 +225,10 @@ fn a_wrong_file_is_refused_by_file_and_key() {
         (
             "[machine.micro]\nresonance = { normal = \"10 Hz\", lognormal = 0.2 }\n",
             ["machine.micro.resonance", "has several laws"],
+        ),
+        (
+            "[machine.camera]\nbias = { about = [\"0 um\", \"0 um\"], normal = 0.3 }\n",
+            ["machine.camera.bias", "a share is nothing"],
         ),
         (
             "[machine.micro]\nresonnance = { lognormal = 0.2 }\n",

@@ -4,6 +4,9 @@
 //! parts differ by more than they say of themselves. A parameter that was another one in each part of a record is known from it no better
 //! than these differ.
 
+/// Standard deviations by which something differs that chance makes differ once in ten thousand times, to one side.
+pub(crate) const SURE: f64 = 3.72;
+
 /// What a chi-squared of so many degrees of freedom exceeds once in ten thousand times (E. Wilson and M. Hilferty, *The
 /// distribution of chi-square*, 1931).
 pub(crate) fn chi_squared(freedom: f64) -> f64 {

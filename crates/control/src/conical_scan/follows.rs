@@ -1,4 +1,5 @@
-//! How what a turn sees follows the circle's middle.
+//! How what a turn sees follows the circle's middle, on the way to the peak. (What the last turns on a bench that nobody has measured answer is told
+//! by all of them together, `answer.rs`.)
 //!
 //! A micro that swings along goes around farther than it is told, and later. Its circle is then another one by a factor and an angle, and the
 //! peak is seen from its middle as many times farther away, and as far askew. Turned by more than a sixth of a turn it would be run after for ever.
@@ -21,13 +22,13 @@ pub(super) struct Seen {
 
 /// A peak as seen is so many times as far away as it is, and so far askew.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Answers {
+pub(super) struct Distortion {
     farther: f64,
     /// Radians from x to y.
     askew: f64,
 }
 
-impl Default for Answers {
+impl Default for Distortion {
     fn default() -> Self {
         Self {
             farther: 1.0,
@@ -36,7 +37,7 @@ impl Default for Answers {
     }
 }
 
-impl Answers {
+impl Distortion {
     /// By what was seen before the middle went its way and what is seen since; `None` where the way tells too little beside the peak's `deviation`
     /// (metres). Of an angle only one tells that is longer than `least` (metres): near the peak something else may have moved it.
     fn told(before: Seen, by: Displacement, (deviation, least): (f64, f64)) -> Option<Self> {
@@ -60,10 +61,10 @@ impl Answers {
     }
 }
 
-/// What the turns of a circle have told so far of how they answer.
+/// What the turns of a circle have told so far of how they see the peak.
 #[derive(Debug, Default)]
 pub(super) struct Follows {
-    answers: Answers,
+    distortion: Distortion,
     before: Option<Seen>,
 }
 
@@ -71,9 +72,9 @@ impl Follows {
     /// Where a peak is that is seen so far from the middle, metres, with such a deviation, and where only a way of so many metres tells of an angle.
     fn of(&mut self, by: Displacement, deviation: (f64, f64)) -> Displacement {
         let told = self.before;
-        let told = told.and_then(|before| Answers::told(before, by, deviation));
-        self.answers = told.unwrap_or(self.answers);
-        self.answers.of(by)
+        let told = told.and_then(|before| Distortion::told(before, by, deviation));
+        self.distortion = told.unwrap_or(self.distortion);
+        self.distortion.of(by)
     }
 
     /// The middle went that way after a peak that was seen so far from it, metres.
@@ -83,12 +84,12 @@ impl Follows {
 
     /// Whether the peak is seen askew.
     fn is_askew(&self) -> bool {
-        self.answers.askew != 0.0
+        self.distortion.askew != 0.0
     }
 }
 
 impl ConicalScan<'_> {
-    /// Goes to a peak as [`Self::go_to`] does, by what the turns have told of how they answer. Those of a micro that nobody has
+    /// Goes to a peak as [`Self::go_to`] does, by what the turns have told of that. Those of a micro that nobody has
     /// measured are slower from now on where they answer askew.
     /// Returns how far away it was seen, metres.
     pub(super) fn go_by(

@@ -7,6 +7,7 @@
 use super::fit::settled;
 use super::smooth::parabola;
 use super::{Fitted, LEAST, Record, residuals, turned};
+use crate::steady::SURE;
 use pigtail_numerics::signal::{independent, quantile, rms};
 
 /// Parabolas from one turn to the next.
@@ -61,9 +62,6 @@ pub(super) fn noise(record: &Record) -> f64 {
 
 /// A contact slides where a law's force is within this share of a side's level.
 const SLIDES: f64 = 0.03;
-
-/// Deviations by which more is left where it gives way than where it slides: once in ten thousand times.
-const SURE: f64 = 3.72;
 
 /// By how much the displacement is another one where the contact gives way than the one that is written, as a standard deviation, by what
 /// a law leaves of the force there beyond what it leaves where the contact slides, and what noise of each sample makes of it.

@@ -1,10 +1,7 @@
 //! Whether all that a record holds says the same of its transmission: its parts, the moments of its channels, the models that tell it.
 
 use super::{FOLDS, Fitted, Known, Record, Signals, TORQUE, Unknown};
-use crate::steady::between;
-
-/// Deviations by which something differs that chance makes differ once in ten thousand times.
-const SURE: f64 = 3.72;
+use crate::steady::{SURE, between};
 
 /// By how much a model's parameters are less sure than its own deviations, by name: by what parts of the record differ by, and by what small
 /// torques say otherwise.
