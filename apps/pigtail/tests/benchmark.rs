@@ -73,6 +73,21 @@ fn every_fiber_is_counted_once_and_the_fast_one_beats_the_baselines() {
         assert_eq!(row.outcomes.values().sum::<u64>(), 12, "{}", row.name);
         assert!(row.right <= rows[0].right, "{}: {}", row.name, row.right);
     }
+    // Both move for no longer than either does, and all of it is no more than the machine's time.
+    for (row, seconds) in rows.iter().zip(&measured.seconds) {
+        let arms = row.arms.expect("light was sampled");
+        let (moving, idle) = (arms.moving_percent, arms.idle_percent);
+        for (moving, idle) in [(moving.left, idle.left), (moving.right, idle.right)] {
+            assert!((moving + idle - 100.0).abs() < 0.02, "{}", row.name);
+            assert!(arms.both_moving_percent <= moving + 0.02, "{}", row.name);
+            assert!(moving > 1.0 && idle > 1.0, "{}", row.name);
+        }
+        assert!(
+            arms.seconds <= seconds.iter().sum::<f64>() * 3.0 + 0.01,
+            "{}",
+            row.name
+        );
+    }
     let seconds = |k: usize| rows[k].seconds_per_right_fiber.expect("right fibers");
     assert!(seconds(0) < seconds(1) && seconds(0) < seconds(2));
     // A photodiode is read at 500 Hz: nobody can have looked at more.

@@ -42,6 +42,19 @@ impl Time {
         }
     }
 
+    /// Of several alignments together.
+    pub(crate) fn sum(alignments: impl Iterator<Item = Arms>) -> Self {
+        alignments.fold(Self::default(), |mut sum, one| {
+            let one = Self::told(one.seconds, one.idle_seconds(), one.both_moving_seconds());
+            sum.all += one.all;
+            for (moving, of) in sum.moving.iter_mut().zip(one.moving) {
+                *moving += of;
+            }
+            sum.both += one.both;
+            sum
+        })
+    }
+
     fn add(&mut self, seconds: f64, moves: [bool; SIDES]) {
         self.all += seconds;
         for (sum, moves) in self.moving.iter_mut().zip(moves) {

@@ -9,6 +9,7 @@
 //! one line to add, or none: see `examples/my_algorithm.rs`.
 
 use crate::align::{self, Judged, TOLERANCE_Z_UM, Way, align_in};
+use crate::arms::{Arms, Time};
 use pigtail_control::job::PORTS;
 use pigtail_control::outcome::OutcomeCode;
 use pigtail_control::station::Unobserved;
@@ -92,6 +93,8 @@ pub struct Row {
     pub offset_xy_um: Percentiles,
     /// How far their gap is from the wanted one, without sign, micrometres.
     pub offset_z_um: Percentiles,
+    /// How much of the time of all devices each manipulator moved; `null` where no light was sampled.
+    pub arms: Option<Arms>,
     /// Devices with a fiber that is not right, by what it is counted as: the first few seeds.
     pub replay: BTreeMap<&'static str, Vec<u64>>,
 }
@@ -248,6 +251,7 @@ fn row(algorithm: &Algorithm, all: &[Judged], spent: &Sorted, offsets: &Sorted) 
         readings_per_right_fiber: per_right(all.iter().map(|a| a.readings as f64).sum(), 0.1),
         offset_xy_um: offsets.percentiles(),
         offset_z_um: Sorted::new(attached(all, |o| o.z.abs()).collect()).percentiles(),
+        arms: Time::sum(all.iter().filter_map(|a| a.document.arms)).arms(),
         replay,
     }
 }

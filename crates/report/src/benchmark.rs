@@ -2,7 +2,7 @@
 
 use super::campaign::percent;
 use super::figure::{Axes, WHOLE, decades_of};
-use super::html::{self, figure, number, page};
+use super::html::{self, figure, fixed, number, page};
 use super::plot::Plot;
 use anyhow::Result;
 use maud::{Markup, html};
@@ -106,16 +106,28 @@ fn entries(document: &BenchmarkDocument) -> Markup {
     html! {
         h2 { "Entries" }
         div.scroll { table {
-            tr { th { "algorithm" } th.text { "what it does" } th { "right, 95 %" } th { "wrong, 95 %" } }
+            tr {
+                th { "algorithm" } th.text { "what it does" } th { "right, 95 %" } th { "wrong, 95 %" }
+                th { "left stands still" } th { "right stands still" } th { "both move" }
+            }
             @for row in &document.algorithms {
                 tr {
                     td { (row.name) }
                     td.text.long { (row.about) }
                     td { (between(row.right_confidence)) }
                     td { (between(row.wrong_confidence)) }
+                    @if let Some(arms) = &row.arms {
+                        td { (fixed(arms.idle_percent.left, 1)) " %" }
+                        td { (fixed(arms.idle_percent.right, 1)) " %" }
+                        td { (fixed(arms.both_moving_percent, 1)) " %" }
+                    } @else { td {} td {} td {} }
                 }
             }
         } }
+        p.soft {
+            "Shares of the time of all devices. A manipulator stands still that has nothing to do, waits for the other one, or holds what the \
+             other one needs."
+        }
     }
 }
 
