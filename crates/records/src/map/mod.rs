@@ -221,6 +221,9 @@ pub struct MapDocument {
     pub unsteady_light_percent: Option<f64>,
     /// ...and how far aside of each other they are, rms, micrometres.
     pub unsteady_aside_um: Option<f64>,
+    /// How far a part of the scan, in the order in which it was taken, puts the peak from all of it, micrometres, where that part is told far
+    /// better by a background, a height and a place of its own, as of a stage that slipped or a level that stepped; zero where none is.
+    pub unsteady_parts_um: Option<f64>,
     /// By how much the peak would be elsewhere for powers that are a reading late, where all lines go one way and none would show,
     /// micrometres: nothing that is said allows for it. Zero where the way turns; `null` without a peak.
     pub a_reading_late_um: Option<f64>,
@@ -413,6 +416,7 @@ pub fn try_on(map: &str, read: &Map, start: Option<Displacement>, accuracy: Opti
         deviation_by_readings_um: all.map(|all| digits(all.deviation * 1e6)),
         unsteady_light_percent: all.map(|all| rounded(100.0 * all.unsteady.light, 0.01)),
         unsteady_aside_um: all.map(|all| digits(all.unsteady.aside * 1e6)),
+        unsteady_parts_um: all.map(|all| digits(all.unsteady.parts * 1e6)),
         a_reading_late_um: all.map(|all| digits(all.late * 1e6)),
         noise: all.map(|all| digits(all.noise)),
         spacing_um: rounded(scan.spacing() * 1e6, 1e-4),

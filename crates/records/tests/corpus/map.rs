@@ -125,6 +125,16 @@ fn plain(spot: &Spot, rng: &mut Pcg64Mcg) -> Map {
     spot.map(rng, |x, y| spot.light(x, y))
 }
 
+/// A stage that is elsewhere by so much from a line across the peak on; the peak is where it was before.
+fn slipped(spot: &mut Spot, rng: &mut Pcg64Mcg, by: (f64, f64)) -> Map {
+    let s = *spot;
+    let from = s.y + rng.random_range(-0.4..0.4) * s.radii[0];
+    s.map(rng, |x, y| {
+        let [dx, dy] = if y > from { [by.0, by.1] } else { [0.0; 2] };
+        s.light(x + dx, y + dy)
+    })
+}
+
 fn side(spot: &Spot, k: usize) -> f64 {
     (spot.n[k] - 1) as f64 * spot.step
 }
@@ -381,6 +391,44 @@ const CASES: &[Case] = &[
             map.iter_mut()
                 .skip(bright.unwrap_or(0))
                 .for_each(|r| r[2] = s.background);
+            map
+        },
+    ),
+    (
+        "a stage that slips along the lines",
+        Wanted::Either,
+        |s, rng| {
+            let by = 0.5 * s.radii[0];
+            slipped(s, rng, (by, 0.0))
+        },
+    ),
+    (
+        "a stage that slips across the lines",
+        Wanted::Either,
+        |s, rng| {
+            let by = 0.5 * s.radii[0];
+            slipped(s, rng, (0.0, by))
+        },
+    ),
+    (
+        "a stage that slips back across the lines",
+        Wanted::Either,
+        |s, rng| {
+            let by = -0.5 * s.radii[0];
+            slipped(s, rng, (0.0, by))
+        },
+    ),
+    (
+        "a level that steps within a line",
+        Wanted::Either,
+        |s, rng| {
+            let (x, y, step) = (s.x, s.y + 0.3 * s.radii[0], s.step);
+            let mut map = plain(s, rng);
+            for row in &mut map {
+                if row[1] > y + step || (row[1] > y && row[0] > x) {
+                    row[2] += 0.3;
+                }
+            }
             map
         },
     ),

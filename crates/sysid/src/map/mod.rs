@@ -15,6 +15,7 @@ mod fold;
 mod gone;
 mod late;
 mod look;
+mod parts;
 mod shape;
 mod surround;
 mod unsteady;

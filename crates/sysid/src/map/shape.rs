@@ -77,7 +77,7 @@ impl Shape {
         (long, (mean + apart).sqrt().recip(), angle)
     }
 
-    fn is_sound(&self) -> bool {
+    pub(super) fn is_sound(&self) -> bool {
         let [a, h, d] = self.precision;
         a > 0.0 && d > 0.0 && a * d > h * h && self.height.is_finite()
     }
@@ -87,6 +87,20 @@ impl Shape {
         let (b, height) = (self.background, self.height);
         let Displacement { x, y } = self.at;
         Vector::from([b, height, x, y, a, h, d, s, t, level])
+    }
+
+    /// The shape after a step in units of `unit` of length and `height` of power.
+    pub(super) fn stepped(&self, by: &SVector<f64, NUMBERS>, unit: f64, height: f64) -> Self {
+        let square = 1.0 / (unit * unit);
+        let slope = height / unit;
+        let back = [
+            height, height, unit, unit, square, square, square, slope, slope,
+        ];
+        let mut next = self.vector(0.0);
+        for (i, (by, back)) in by.iter().zip(back).enumerate() {
+            next[i] += by * back;
+        }
+        Self::of(&next)
     }
 
     fn of(v: &Vector) -> Self {
@@ -100,7 +114,7 @@ impl Shape {
     }
 
     /// How the power at a place changes with each number of the shape.
-    fn slopes(&self, place: Displacement) -> Vector {
+    pub(super) fn slopes(&self, place: Displacement) -> Vector {
         let Displacement { x: u, y: v } = place - self.at;
         let [a, h, d] = self.precision;
         let share = self.share(place);
@@ -163,8 +177,8 @@ pub(super) struct Fit {
     pub(super) squares: f64,
     /// Inverse of the information for readings of unit noise, in the fit's own units of length.
     covariance: Matrix,
-    unit: f64,
-    height: f64,
+    pub(super) unit: f64,
+    pub(super) height: f64,
 }
 
 impl Fit {
@@ -201,7 +215,7 @@ impl Fit {
 }
 
 /// Slopes in units of `unit` of length and `height` of power.
-fn scaled(slopes: &Vector, unit: f64, height: f64) -> Vector {
+pub(super) fn scaled(slopes: &Vector, unit: f64, height: f64) -> Vector {
     let (inverse, square) = (unit / height, 1.0 / (unit * unit * height));
     let length = 1.0 / unit;
     slopes.component_mul(&Vector::from([
@@ -283,14 +297,9 @@ impl Problem<N> for Through<'_> {
     }
 
     fn step(&self, (shape, level): &(Shape, f64), by: &Vector) -> (Shape, f64) {
-        let (unit, height) = (self.unit, self.height);
-        let square = 1.0 / (unit * unit);
-        let slope = height / unit;
-        let back = Vector::from([
-            height, height, unit, unit, square, square, square, slope, slope, height,
-        ]);
-        let next = shape.vector(*level) + by.component_mul(&back);
-        (Shape::of(&next), next[LEVEL])
+        let numbers = by.fixed_rows::<NUMBERS>(0).into_owned();
+        let next = shape.stepped(&numbers, self.unit, self.height);
+        (next, level + by[LEVEL] * self.height)
     }
 }
 

@@ -102,10 +102,15 @@ pub(super) fn sure(found: &Fit, unsteady: &Unsteady) -> Result<(), Refusal> {
     let (_, short, _) = found.shape.ellipse();
     let deviation = unsteady.deviation;
     if deviation > PLACE * short {
-        let Unsteady { light, aside, .. } = *unsteady;
-        return Err(Refusal::Unsteady {
+        let Unsteady {
             light,
             aside,
+            parts,
+            ..
+        } = *unsteady;
+        return Err(Refusal::Unsteady {
+            light,
+            aside: aside.max(parts),
             deviation,
         });
     }

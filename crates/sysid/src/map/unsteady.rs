@@ -6,6 +6,7 @@
 //! it, and columns that are not, or the other way round.
 
 use super::Scan;
+use super::parts;
 use super::shape::{Datum, Fit, Shape};
 use pigtail_model::frames::Displacement;
 
@@ -23,6 +24,9 @@ pub struct Unsteady {
     pub light: f64,
     /// How far aside of each other they are, rms, metres.
     pub aside: f64,
+    /// How far a part of it, in the order in which it was taken, puts the peak from all of it, metres; zero where none is told far better by
+    /// itself.
+    pub parts: f64,
     /// How far off that and what nobody sees may put the peak, one standard deviation, metres.
     pub deviation: f64,
 }
@@ -116,10 +120,12 @@ impl Unsteady {
         let unseen = unseen(rx, scan.half.x).max(unseen(ry, scan.half.y));
         // Light that differs by so much in all of half of the peak moves it by that share of its radius.
         let moves = light * rx.max(ry);
+        let parts = parts::apart(scan, found, all);
         Self {
             light,
             aside,
-            deviation: unseen.hypot(moves).hypot(aside),
+            parts,
+            deviation: unseen.hypot(moves).hypot(aside).hypot(parts),
         }
     }
 }

@@ -15,11 +15,13 @@ mod alike;
 mod check;
 mod role;
 mod signals;
+mod smoothed;
 
 use alike::{agreed, changing, of_one_moment, unsure};
 use check::{check, excitation};
 use role::{ahead, commanded, either, idle, lags, passive, turned_unseen};
 use signals::Signals;
+use smoothed::smoothed;
 
 use super::outliers;
 use super::timeline::{Even, counted};
@@ -187,6 +189,10 @@ const ONE_SPEED: f64 = 1.5;
 /// Most often that all models are fitted, each time with a better skew.
 const ROUNDS: usize = 3;
 
+/// What is said where smoothing shows.
+const SMOOTHED: &str = "it is told better by channels that were averaged or filtered before they were written, or that are late to each \
+                        other: parameters are less sure by what that changes";
+
 /// Identifies a transmission; `second` is another record of it that says which model generalises.
 ///
 /// # Errors
@@ -214,21 +220,7 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
     let mut unknown = excitation(&plain);
     let blind = unknown.iter().any(|u| u.covers("time_skew"));
 
-    // The skew first, with the richest model that has one way about it, and by shifting the channel, for
-    // at high accelerations a skew is more than a share of the velocity.
-    let mut skew = 0.0;
-    if !blind {
-        for _ in 0..4 {
-            let shifted = Signals::new(record, skew);
-            let Some(solution) = shifted.fit(MODELS[2].1, 0.0) else {
-                break;
-            };
-            skew += solution.values[1];
-            if solution.values[1].abs() < 1e-3 * solution.std[1] {
-                break;
-            }
-        }
-    }
+    let mut skew = if blind { 0.0 } else { first_skew(record) };
     let most = 50.0 * record.even.period;
     if skew.is_nan() || skew.abs() >= most {
         return Err(Unknown::all(format!(
@@ -265,7 +257,12 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
     if unknown.is_empty() && open {
         either(record.has_torque, chosen, &mut unknown, &mut remarks);
     }
-    let less = unsure(chosen, &signals);
+    let mut less = unsure(chosen, &signals);
+    if let Some(smoothed) = smoothed(chosen, &signals) {
+        less.extend(smoothed.less);
+        remarks.extend(smoothed.matters.then(|| SMOOTHED.to_owned()));
+        unknown.extend(smoothed.open.filter(|_| unknown.is_empty()));
+    }
     let parameters = chosen
         .parameters
         .iter()
@@ -298,6 +295,23 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
         remarks,
         account,
     })
+}
+
+/// The skew by the richest model that has one way about it, and by shifting the channel, for at high accelerations a skew is more than
+/// a share of the velocity.
+fn first_skew(record: &Record) -> f64 {
+    let mut skew = 0.0;
+    for _ in 0..4 {
+        let shifted = Signals::new(record, skew);
+        let Some(solution) = shifted.fit(MODELS[2].1, 0.0) else {
+            break;
+        };
+        skew += solution.values[1];
+        if solution.values[1].abs() < 1e-3 * solution.std[1] {
+            break;
+        }
+    }
+    skew
 }
 
 /// Why a model that leaves such a share of the windup is none.

@@ -321,17 +321,41 @@ impl Signals {
         parts: Parts,
         (way, values): (f64, &[f64]),
         of: impl Fn(usize) -> bool,
-    ) -> Option<Vec<(&'static str, f64, f64)>> {
-        let columns = self
-            .with_way(parts, way, values)
-            .unwrap_or_else(|| self.columns(parts, way));
+    ) -> Option<Vec<Change>> {
+        let columns = self.told(parts, way, values);
+        self.refit(&columns, values, of)
+    }
+
+    /// The same of all samples beside columns that are no part of the model, which come last.
+    pub(super) fn changes_beside(
+        &self,
+        parts: Parts,
+        (way, values): (f64, &[f64]),
+        added: &[(&'static str, Vec<f64>)],
+    ) -> Option<Vec<Change>> {
+        let mut columns = self.told(parts, way, values);
+        columns.extend_from_slice(added);
+        self.refit(&columns, values, |_| true)
+    }
+
+    fn told(&self, parts: Parts, way: f64, values: &[f64]) -> Vec<(&'static str, Vec<f64>)> {
+        self.with_way(parts, way, values)
+            .unwrap_or_else(|| self.columns(parts, way))
+    }
+
+    fn refit(
+        &self,
+        columns: &[(&'static str, Vec<f64>)],
+        values: &[f64],
+        of: impl Fn(usize) -> bool,
+    ) -> Option<Vec<Change>> {
         let residuals = self.residuals(&columns[..values.len()], values);
         let rows: Vec<usize> = self.settled.iter().copied().filter(|k| of(*k)).collect();
         if rows.len() < LEAST.max(10 * columns.len()) {
             return None;
         }
         let left: Vec<f64> = rows.iter().map(|k| residuals[*k]).collect();
-        let found = least_squares_of_time(&over(&columns, &rows), &left, 1)?;
+        let found = least_squares_of_time(&over(columns, &rows), &left, 1)?;
         let known = found.values.iter().zip(&found.std_correlated);
         let names = columns.iter().map(|(name, _)| *name);
         Some(
@@ -341,7 +365,46 @@ impl Signals {
                 .collect(),
         )
     }
+
+    /// How a column changes with time, in each stretch for itself.
+    pub(super) fn slope(&self, column: &[f64]) -> Vec<f64> {
+        let ends = self.begins[1..].iter().copied().chain([column.len()]);
+        self.begins
+            .iter()
+            .zip(ends)
+            .flat_map(|(from, to)| {
+                let time = &self.time[*from..to];
+                let period = (time[time.len() - 1] - time[0]) / (time.len() - 1).max(1) as f64;
+                derivative(&column[*from..to], period)
+            })
+            .collect()
+    }
+
+    /// What winds up by the way that the motor has gone.
+    pub(super) fn winds(&self, parts: Parts, way: f64, values: &[f64]) -> Vec<f64> {
+        let columns = self.columns(parts, way);
+        let mut winds = vec![0.0; self.time.len()];
+        let by_way = |name: &str| name == "w_max" || name == "element";
+        for ((_, column), value) in columns.iter().zip(values).filter(|((n, _), _)| by_way(n)) {
+            for (w, c) in winds.iter_mut().zip(column) {
+                *w += value * c;
+            }
+        }
+        winds
+    }
+
+    /// The same with a path that goes farther where it turns, by so much of its acceleration.
+    pub(super) fn bent(&self, by: f64) -> Self {
+        let path = self.path.iter().zip(&self.acceleration);
+        Self {
+            path: path.map(|(q, a)| q - by * a).collect(),
+            ..self.clone()
+        }
+    }
 }
+
+/// By how much a parameter is another one, and its deviation.
+pub(super) type Change = (&'static str, f64, f64);
 
 /// Columns at the samples `rows`.
 fn over(columns: &[(&'static str, Vec<f64>)], rows: &[usize]) -> DMatrix<f64> {
