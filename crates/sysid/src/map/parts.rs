@@ -269,7 +269,8 @@ mod tests {
             }
         };
         for order in [1.7, 2.0, 2.5] {
-            assert_eq!(tried(order, none, nothing), 0.0, "{order}");
+            // Its noise is no noise quite: by so little a steady peak may be less sure.
+            assert!(tried(order, none, nothing) < 0.05e-6, "{order}");
         }
         for d in [(0.0, 1.5e-6), (0.0, -1.5e-6), (1.5e-6, 0.0), (1e-6, 1e-6)] {
             let d = Displacement::new(d.0, d.1);
