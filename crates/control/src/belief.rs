@@ -93,6 +93,35 @@ impl Across {
     pub fn outside(&self, tolerance: f64) -> f64 {
         self.outside_along(0, tolerance) + self.outside_along(1, tolerance)
     }
+
+    /// That an error beyond a tolerance is all but impossible; of what is known the tip's `shaking` is a part (metres).
+    ///
+    /// # Errors
+    ///
+    /// [`Outcome::UnsurePlace`].
+    pub fn is_sure(&self, tolerance: f64, shaking: f64) -> Result<(), Outcome> {
+        self.is_within((tolerance, self.outside(tolerance)), shaking)
+    }
+
+    /// The same with that probability as somebody else has told it.
+    pub(crate) fn is_within(
+        &self,
+        (tolerance, probability): (f64, f64),
+        shaking: f64,
+    ) -> Result<(), Outcome> {
+        if probability <= TUNING.bond.unsure {
+            return Ok(());
+        }
+        Err(Outcome::UnsurePlace {
+            deviation: self.worse(),
+            askew: self.askew[0].0.max(self.askew[1].0),
+            drift: self.bound[0].max(self.bound[1]),
+            shaking,
+            tolerance,
+            probability,
+            accepted: TUNING.bond.unsure,
+        })
+    }
 }
 
 /// Where an attached fiber is believed to be, from its peak and from the gap that was wanted.

@@ -8,7 +8,7 @@ use crate::belief::Across;
 use crate::cell::AlignmentCell;
 use crate::job::{FiberReport, Job, run_all};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
-use crate::peak::NinePoint;
+use crate::peak::{NinePoint, Spot, Vertex};
 use crate::recipe::Recipe;
 use crate::search::{Hit, Searcher, centre_sensing, edge_from_below};
 use crate::shaking::Shaking;
@@ -93,7 +93,7 @@ impl Job<'_> {
     /// Brings the fiber to the peak before its port, and leaves it there, not attached.
     pub(crate) async fn reach(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
         let found = self.find(cell).await?;
-        self.maximize(cell, &found, async |_, _| Ok(())).await
+        self.maximize(cell, &found, async |_, _, _| Ok(())).await
     }
 
     /// From the tray to first light.
@@ -131,18 +131,32 @@ impl Job<'_> {
 
     /// From first light to an attached fiber.
     async fn finish(&mut self, cell: &AlignmentCell<'_>, found: &Found) -> Result<(), Halt> {
-        self.maximize(cell, found, async |job, last| {
-            // The thesis did not ask whether a tip shakes; but where it was seen, it is known.
-            let watched = job.shaking.filter(Shaking::is_watched);
-            if let Some(shaking) = watched {
-                let recipe = job.recipe;
-                // Its patterns know a peak no better than the tip shakes while they are drawn.
-                let known = recipe.last.accuracy.hypot(shaking.deviation());
-                shaking.is_sure(recipe.accept.aside, Across::of(known))?;
-            }
+        self.maximize(cell, found, async |job, last, peak| {
+            job.is_at_its_peak(cell, &peak)?;
             job.attach(cell, last, found.background, (None, None)).await
         })
         .await
+    }
+
+    /// That a fiber which patterns have brought to its peak is there. The thesis asked neither whether a tip shakes nor whether stages stand
+    /// square; but what was seen of the tip, or measured of either, is known.
+    fn is_at_its_peak(&self, cell: &AlignmentCell<'_>, peak: &Vertex) -> Result<(), Outcome> {
+        let (side, recipe) = (self.side, self.recipe);
+        let beam = cell.beam(side, recipe);
+        let askew = beam.aside(beam.squared_widths(recipe.approach.gap));
+        let beside = |deviation: f64| Across {
+            sigma: askew.map(|(sigma, _)| sigma.hypot(peak.deviation).hypot(deviation)),
+            bound: [0, 1].map(|i| askew[i].1 + peak.elsewhere[i]),
+            askew,
+        };
+        let tolerance = recipe.accept.aside;
+        if let Some(shaking) = self.shaking.filter(Shaking::is_watched) {
+            // Its patterns know a peak no better than the tip shakes while they are drawn.
+            return shaking.is_sure(tolerance, beside(shaking.deviation()));
+        }
+        let measured = cell.measured_shaking(side);
+        let shakes = measured.map_or(0.0, |measured| measured.of_means());
+        beside(shakes).is_sure(tolerance, shakes)
     }
 
     /// From first light to the peak at the chip (thesis 3.3), where something is done.
@@ -150,7 +164,7 @@ impl Job<'_> {
         &mut self,
         cell: &AlignmentCell<'_>,
         found: &Found,
-        there: impl AsyncFnOnce(&mut Self, Level) -> Result<(), Halt>,
+        there: impl AsyncFnOnce(&mut Self, Level, Vertex) -> Result<(), Halt>,
     ) -> Result<(), Halt> {
         let recipe = self.recipe;
         let background = found.background;
@@ -194,13 +208,19 @@ impl Job<'_> {
         .await?;
         self.phase(cell, "final", async |job| {
             peak.climb(cell).await?;
-            peak.settle(cell, recipe.last.patterns, recipe.last.accuracy)
+            let beam = cell.beam(job.side, recipe);
+            let spot = Spot {
+                background,
+                squared_widths: beam.squared_widths(recipe.approach.gap),
+            };
+            let peak = peak
+                .settle(cell, recipe.last.patterns, recipe.last.accuracy, &spot)
                 .await?;
             let last = cell.level(job.channel, 0.04).await?;
             let after = last.mean - background;
             Outcome::of_growth(before, after, recipe.accept.growth * before)?;
             let sigma = last.sigma.min(noise);
-            there(job, Level { sigma, ..last }).await
+            there(job, Level { sigma, ..last }, peak).await
         })
         .await
     }

@@ -43,6 +43,11 @@ impl Measured {
         self.left_on_average() * self.deviation.powi(2)
     }
 
+    /// Standard deviation of that, metres.
+    pub fn of_means(&self) -> f64 {
+        self.left_of_means().sqrt()
+    }
+
     /// The mean of what may be left: what is lognormal has its mean above its middle.
     fn left_on_average(&self) -> f64 {
         self.left * (0.5 * self.left_spread.powi(2)).exp()
@@ -481,18 +486,7 @@ impl Shaking {
         let (all, known) = self.widened(known);
         let tolerance = tolerance / all;
         let probability = self.outside(tolerance, known);
-        if probability <= TUNING.bond.unsure {
-            return Ok(());
-        }
-        Err(Outcome::UnsurePlace {
-            deviation: known.worse(),
-            askew: known.askew[0].0.max(known.askew[1].0),
-            drift: known.bound[0].max(known.bound[1]),
-            shaking: self.deviation(),
-            tolerance,
-            probability,
-            accepted: TUNING.bond.unsure,
-        })
+        known.is_within((tolerance, probability), self.deviation())
     }
 }
 
