@@ -28,32 +28,12 @@ const PATTERN: [Displacement; 9] = [
 
 /// How the nine points are visited.
 #[derive(Debug, Clone, Copy)]
-struct Way {
-    /// From the last to the first.
-    back: bool,
+enum Way {
+    Forth,
+    Back,
     /// Each opposite to where it is.
-    mirrored: bool,
+    Mirrored,
 }
-
-/// All ways, in the order in which patterns of the last climb take them.
-const WAYS: [Way; 4] = [
-    Way {
-        back: false,
-        mirrored: false,
-    },
-    Way {
-        back: true,
-        mirrored: false,
-    },
-    Way {
-        back: false,
-        mirrored: true,
-    },
-    Way {
-        back: true,
-        mirrored: true,
-    },
-];
 
 /// Which point lies opposite to one of the nine.
 const fn across(k: usize) -> usize {
@@ -90,7 +70,7 @@ impl<'r> NinePoint<'r> {
         }
     }
 
-    /// Visits the nine points around the centre, in one of four ways; the light at each after
+    /// Visits the nine points around the centre, or a second way; the light at each after
     /// `dwell` seconds, volts.
     async fn pattern(
         &self,
@@ -101,8 +81,11 @@ impl<'r> NinePoint<'r> {
         let centre = self.centre;
         let mut light = [0.0; 9];
         for k in 0..PATTERN.len() {
-            let k = if way.back { PATTERN.len() - 1 - k } else { k };
-            let k = if way.mirrored { across(k) } else { k };
+            let k = match way {
+                Way::Forth => k,
+                Way::Back => PATTERN.len() - 1 - k,
+                Way::Mirrored => across(k),
+            };
             cell.move_micro(self.side, centre + PATTERN[k] * self.step)?;
             // A dwell shorter than the photodiode's period waits for it.
             light[k] = cell.last_light(self.channel, dwell).await?;
@@ -116,7 +99,7 @@ impl<'r> NinePoint<'r> {
     ///
     /// A fault, or [`Outcome::MicroRange`] when the micro has come to the end of its range.
     pub async fn step(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
-        let light = self.pattern(cell, self.climb.dwell, WAYS[0]).await?;
+        let light = self.pattern(cell, self.climb.dwell, Way::Forth).await?;
         let to = PATTERN[brightest(&light)];
         self.shift(cell, to)?;
         if let Some(widest) = self.climb.widest {
@@ -183,10 +166,10 @@ impl<'r> NinePoint<'r> {
     /// and moves there. At least `patterns` of them, unless the climb's timeout comes first. Returns how well the peak is known:
     /// patterns tell of what drifts, and of what has not come to rest.
     ///
-    /// They go around one way and back, and then both mirrored at the centre, as often each. How far a micro is from a point that it has not come
-    /// to rest at follows from the points before: what merely lags is as far before a point on one way as beyond it on the way back, and
-    /// mirrored points leave what swings as far on the other side. Patterns that only went to and fro left it up to 66 nm aside where a micro
-    /// rings at 200 Hz, damped by 0.07; such as were only mirrored were wrong more often where nobody had measured the micro.
+    /// They go around two ways, as often either. How far a micro is from a point that it has not come to rest at follows from the points before. Of
+    /// one that nobody has measured they go to and fro: what lags is as far before a point on one way as beyond it on the other. One that
+    /// rings is left up to 66 nm aside by that (200 Hz, damped by 0.07); where it was measured by when it comes to rest it is given time at each
+    /// point, and the second way is the first one mirrored at the centre, whose points leave it as far on the other side.
     ///
     /// The thesis rests on the brightest of nine noisy points. Close to the peak those differ by
     /// less than the photodiode's noise, so that the last centre is a draw from a cloud as wide
@@ -209,16 +192,17 @@ impl<'r> NinePoint<'r> {
         let rest = cell.settling(self.side);
         cell.wait(rest).await?;
         // Where a micro takes longer to come to rest at each point there are as many fewer, for piezos creep meanwhile.
-        let dwell = if cell.settles(self.side) {
-            self.climb.dwell.max(TUNING.climb.rests * rest)
+        let (dwell, second) = if cell.settles(self.side) {
+            let rests = TUNING.climb.rests * rest;
+            (self.climb.dwell.max(rests), Way::Mirrored)
         } else {
-            self.climb.dwell
+            (self.climb.dwell, Way::Back)
         };
         let patterns = (f64::from(patterns) * self.climb.dwell / dwell).ceil() as u32;
-        let patterns = patterns.max(2 * WAYS.len() as u32);
+        let patterns = patterns.max(4);
         let mut seen = Patterns::default();
         let found = loop {
-            for way in WAYS {
+            for way in [Way::Forth, second] {
                 seen.add(self.pattern(cell, dwell, way).await?);
             }
             let late = cell.now() > end;

@@ -1,6 +1,6 @@
 //! Patterns of nine points around a peak: its place by all of them, and how well that is known.
 
-use super::{PATTERN, WAYS, Way};
+use super::PATTERN;
 use crate::tuning::TUNING;
 use pigtail_model::frames::Displacement;
 
@@ -23,7 +23,7 @@ impl Spot {
     }
 }
 
-/// The light of patterns, in turns around each of the [`WAYS`].
+/// The light of patterns, in turns around one way and mirrored.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Patterns(Vec<[f64; 9]>);
 
@@ -60,23 +60,23 @@ impl Patterns {
         mean
     }
 
-    /// Each way around by itself.
-    fn ways(&self) -> [[f64; 9]; WAYS.len()] {
-        std::array::from_fn(|way| self.mean(|k| k % WAYS.len() == way))
+    /// Either way around by itself.
+    fn ways(&self) -> [[f64; 9]; 2] {
+        [0, 1].map(|way| self.mean(|k| k % 2 == way))
     }
 
-    /// Variance of one of the nine values of the mean of all, as each way scatters about its own: they differ by what has not come to rest. What a
+    /// Variance of one of the nine values of the mean of all, as either way scatters about its own: they differ by what has not come to rest. What a
     /// pattern's nine points have in common is none of it: by how much the laser is brighter meanwhile moves no vertex.
     fn variance(&self) -> f64 {
         let ways = self.ways();
         let mut squares = 0.0;
         for (k, light) in self.0.iter().enumerate() {
-            let apart: [f64; 9] = std::array::from_fn(|i| light[i] - ways[k % WAYS.len()][i]);
+            let apart: [f64; 9] = std::array::from_fn(|i| light[i] - ways[k % 2][i]);
             let brighter = apart.iter().sum::<f64>() / 9.0;
             squares += apart.iter().map(|a| (a - brighter).powi(2)).sum::<f64>();
         }
         let count = self.0.len() as f64;
-        squares / (8.0 * (count - WAYS.len() as f64).max(1.0)) / count
+        squares / (8.0 * (count - 2.0).max(1.0)) / count
     }
 
     /// The peak by all patterns, each `step` metres from point to point.
@@ -95,21 +95,14 @@ impl Patterns {
                 squared.max(0.0).sqrt() / bends[i].abs()
             })
         };
-        let of_ways = |of: fn(&Way) -> bool| {
-            [false, true].map(|is| self.mean(|k| of(&WAYS[k % WAYS.len()]) == is))
-        };
-        let back = differ(of_ways(|way| way.back));
-        let mirrored = differ(of_ways(|way| way.mirrored));
+        let ways = differ(self.ways());
         // Patterns are those of their middle: until their end what drifts goes on by as much as between the middles of their halves.
         let half = self.0.len() / 2;
         let drifts = differ([self.mean(|k| k < half), self.mean(|k| k >= half)]);
         Vertex {
             at: fit.vertex().unwrap_or_default(),
             deviation: step * fit.deviation(variance, steepest),
-            elsewhere: [0, 1].map(|i| {
-                let ways = TUNING.climb.mirrored * back[i].max(mirrored[i]);
-                step * (ways + 2.0 * drifts[i])
-            }),
+            elsewhere: [0, 1].map(|i| step * (TUNING.climb.mirrored * ways[i] + 2.0 * drifts[i])),
         }
     }
 }
@@ -188,16 +181,16 @@ mod tests {
         };
         let mut seen = Patterns::default();
         for k in 0..8 {
-            let noise = if (k % 2 == 0) == (k < 4) { 1e-5 } else { -1e-5 };
+            let noise = if k % 4 < 2 { 1e-5 } else { -1e-5 };
             let brighter = 0.1 * f64::from(k);
-            let aside = if k % 4 < 2 { 2e-3 } else { -2e-3 };
+            let aside = if k % 2 == 0 { 2e-3 } else { -2e-3 };
             seen.add(PATTERN.map(|p| {
                 let bends = 2.5e-3 * (p.x * p.x + p.y * p.y);
                 1.0 + brighter + (aside + noise) * p.x - bends
             }));
         }
-        // Six points a pattern are off by ten microvolts. Of eight patterns each of four ways has taken a mean, and each its own.
-        let each = 8.0 * 6.0 * 1e-10 / (4.0 * 8.0);
+        // Six points a pattern are off by ten microvolts. Of eight patterns either way has taken a mean, and each its own.
+        let each = 8.0 * 6.0 * 1e-10 / (6.0 * 8.0);
         assert!((seen.variance() / (each / 8.0) - 1.0).abs() < 1e-6);
         let Vertex {
             at,
@@ -205,7 +198,7 @@ mod tests {
             elsewhere: [x, y],
         } = seen.vertex(&spot, 0.1e-6);
         assert!(at.norm() < 1e-9 && deviation < 1e-9, "{deviation}");
-        // Mirrored or not, a way sees the peak two fifths of a step aside.
+        // Either way sees the peak two fifths of a step aside.
         let left = TUNING.climb.mirrored * 0.4 * 0.1e-6;
         assert!((x / left - 1.0).abs() < 0.02 && y < 1e-12, "{x} {y}");
     }

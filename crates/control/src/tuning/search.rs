@@ -154,7 +154,7 @@ topic! {
         /// How long a micro of which it was measured by when it comes to rest is left to itself at a point of the last patterns, of that time: a seventh
         /// of a step is left then.
         rests: f64 = 0.4, "1", Choice;
-        /// How much of what ways around, to and fro or mirrored and not, differ by from their middle is left of it where all count as much: they leave a
+        /// How much of what the two ways around differ by from their middle is left of it where both count as much: mirrored patterns leave a
         /// tip as far aside on either side, but for what bends the more the farther it is.
         mirrored: f64 = 0.25, "1", Choice;
     }
