@@ -70,7 +70,7 @@ impl<'r> NinePoint<'r> {
         }
     }
 
-    /// Visits the nine points around the centre, or a second way; the light at each after
+    /// Visits the nine points around the centre one way or another; the light at each after
     /// `dwell` seconds, volts.
     async fn pattern(
         &self,

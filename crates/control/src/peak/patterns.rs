@@ -23,7 +23,7 @@ impl Spot {
     }
 }
 
-/// The light of patterns, in turns around one way and mirrored.
+/// The light of patterns, in turns around either of two ways.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Patterns(Vec<[f64; 9]>);
 
