@@ -91,7 +91,7 @@ impl Across {
 
     /// Probability of an error beyond a tolerance (metres) along x or along y, at most.
     pub fn outside(&self, tolerance: f64) -> f64 {
-        self.outside_along(0, tolerance) + self.outside_along(1, tolerance)
+        (self.outside_along(0, tolerance) + self.outside_along(1, tolerance)).min(1.0)
     }
 
     /// That an error beyond a tolerance is all but impossible; of what is known the tip's `shaking` is a part (metres).

@@ -8,7 +8,7 @@ use patterns::Patterns;
 
 use crate::cell::AlignmentCell;
 use crate::outcome::{Halt, Outcome};
-use crate::recipe::Climb;
+use crate::recipe::{Climb, Last};
 use crate::tuning::TUNING;
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::Displacement;
@@ -26,11 +26,13 @@ const PATTERN: [Displacement; 9] = [
     Displacement::new(1.0, -1.0),
 ];
 
+/// Of fewer patterns, half of them on either way, nobody could say how they scatter.
+const FEWEST: u32 = 4;
+
 /// How the nine points are visited.
 #[derive(Debug, Clone, Copy)]
 enum Way {
     Forth,
-    Back,
     /// Each opposite to where it is.
     Mirrored,
 }
@@ -83,7 +85,6 @@ impl<'r> NinePoint<'r> {
         for k in 0..PATTERN.len() {
             let k = match way {
                 Way::Forth => k,
-                Way::Back => PATTERN.len() - 1 - k,
                 Way::Mirrored => across(k),
             };
             cell.move_micro(self.side, centre + PATTERN[k] * self.step)?;
@@ -162,14 +163,14 @@ impl<'r> NinePoint<'r> {
     }
 
     /// Averages patterns around the present centre until the vertex of the paraboloid through
-    /// their means is known to `accuracy` metres (one standard deviation, in either direction),
-    /// and moves there. At least `patterns` of them, unless the climb's timeout comes first. Returns how well the peak is known:
-    /// patterns tell of what drifts, and of what has not come to rest.
+    /// their means is known to `last.accuracy` metres (one standard deviation, in either direction),
+    /// and moves there; then looks once more, and again until what is known of the peak is `enough` or the climb's timeout is over. Returns how well
+    /// it is known: patterns tell of what drifts, of what has not come to rest, and of what the last look has moved by.
     ///
-    /// They go around two ways, as often either. How far a micro is from a point that it has not come to rest at follows from the points before. Of
-    /// one that nobody has measured they go to and fro: what lags is as far before a point on one way as beyond it on the other. One that
-    /// rings is left up to 66 nm aside by that (200 Hz, damped by 0.07); where it was measured by when it comes to rest it is given time at each
-    /// point, and the second way is the first one mirrored at the centre, whose points leave it as far on the other side.
+    /// Every other pattern is mirrored at its centre. How far a micro is from a point where it has not come to rest follows from the points
+    /// before, so that mirrored ones leave it as far on the other side, and no peak is seen aside. But what is seen nearer than it was told to be, or
+    /// farther out, or turned, makes a vertex too near or too far: a look tells how far the one before was off. A micro is given time at each
+    /// point where it was measured by when it comes to rest, and twice as much on each further look.
     ///
     /// The thesis rests on the brightest of nine noisy points. Close to the peak those differ by
     /// less than the photodiode's noise, so that the last centre is a draw from a cloud as wide
@@ -182,56 +183,63 @@ impl<'r> NinePoint<'r> {
     pub async fn settle(
         &mut self,
         cell: &AlignmentCell<'_>,
-        patterns: u32,
-        accuracy: f64,
+        last: &Last,
         spot: &Spot,
+        enough: impl Fn(&Vertex) -> bool,
     ) -> Result<Vertex, Halt> {
         let end = cell.now() + self.climb.timeout;
         self.step = self.climb.step;
         // What the climb's last step has left is no part of it.
         let rest = cell.settling(self.side);
         cell.wait(rest).await?;
-        // Where a micro takes longer to come to rest at each point there are as many fewer, for piezos creep meanwhile.
-        let (dwell, second) = if cell.settles(self.side) {
-            let rests = TUNING.climb.rests * rest;
-            (self.climb.dwell.max(rests), Way::Mirrored)
+        let rests = if cell.settles(self.side) {
+            TUNING.climb.rests * rest
         } else {
-            (self.climb.dwell, Way::Back)
+            0.0
         };
-        let patterns = (f64::from(patterns) * self.climb.dwell / dwell).ceil() as u32;
-        let patterns = patterns.max(4);
+        let mut dwell = self.climb.dwell.max(rests);
+        // Two looks take as long as the recipe's patterns. Where the tip has longer at each point there are as many fewer, for piezos creep meanwhile:
+        // so few that they can be told from noise, in the end.
+        let time = f64::from(last.patterns) * self.climb.dwell;
+        let longest = dwell.max(time / f64::from(FEWEST));
         let mut seen = Patterns::default();
+        let mut looked = false;
         let found = loop {
-            for way in [Way::Forth, second] {
+            for way in [Way::Forth, Way::Mirrored] {
                 seen.add(self.pattern(cell, dwell, way).await?);
             }
             let late = cell.now() > end;
-            if seen.count() < patterns && !late {
+            let patterns = ((0.5 * time / dwell).ceil() as u32).max(FEWEST);
+            let least = if late { FEWEST } else { patterns };
+            if seen.count() < least {
                 continue;
             }
             let of = seen.vertex(spot, self.step);
-            if of.deviation < accuracy {
-                self.shift(cell, of.at)?;
-                if of.at.norm() < TUNING.climb.near || late {
-                    break of;
-                }
-                // A piezo without a model makes two thirds of so long a way: look once more.
-                seen = Patterns::default();
-                continue;
-            }
-            if seen.count() >= TUNING.climb.restart * patterns {
-                // Averaged for so long the place has moved on, for piezos creep: what is left of
-                // the averages is a better centre to begin again from.
-                self.shift(cell, of.at)?;
-                seen = Patterns::default();
-            }
-            if late {
+            let known = of.deviation < last.accuracy;
+            let slower = (2.0 * dwell).min(longest);
+            let bends_otherwise = of.by_light < last.accuracy && slower > dwell;
+            if !known && late {
                 return Err(Outcome::Unsure {
                     deviation: of.deviation,
-                    accuracy,
+                    accuracy: last.accuracy,
                 }
                 .into());
             }
+            // Averaged for too long the place has moved on, for piezos creep: what is left of the averages is a better centre to begin again from.
+            let too_long = seen.count() >= TUNING.climb.restart * patterns;
+            if !known && !bends_otherwise && !too_long {
+                continue;
+            }
+            self.shift(cell, of.at)?;
+            if known {
+                let there = of.moved_to(self.step);
+                if looked && (late || enough(&there)) {
+                    break there;
+                }
+                looked = true;
+            }
+            dwell = slower;
+            seen = Patterns::default();
         };
         cell.wait(rest.max(5.0 * self.climb.dwell)).await?;
         Ok(found)

@@ -159,6 +159,15 @@ impl Job<'_> {
         beside(shakes).is_sure(tolerance, shakes)
     }
 
+    /// That more patterns would make a peak no surer: it is sure, or would not be if the light told all.
+    fn is_known(&self, cell: &AlignmentCell<'_>, peak: &Vertex) -> bool {
+        let told = Vertex {
+            elsewhere: [0.0; 2],
+            ..*peak
+        };
+        self.is_at_its_peak(cell, peak).is_ok() || self.is_at_its_peak(cell, &told).is_err()
+    }
+
     /// From first light to the peak at the chip (thesis 3.3), where something is done.
     async fn maximize(
         &mut self,
@@ -214,7 +223,7 @@ impl Job<'_> {
                 squared_widths: beam.squared_widths(recipe.approach.gap),
             };
             let peak = peak
-                .settle(cell, recipe.last.patterns, recipe.last.accuracy, &spot)
+                .settle(cell, &recipe.last, &spot, |peak| job.is_known(cell, peak))
                 .await?;
             let last = cell.level(job.channel, 0.04).await?;
             let after = last.mean - background;

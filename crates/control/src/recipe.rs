@@ -214,7 +214,7 @@ pub struct Approach {
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Last {
-    /// Nine-point patterns averaged around the last centre, at least.
+    /// Two looks around the last centre take as long as so many nine-point patterns of the climb.
     pub patterns: u32,
     /// How well the peak must be known, one standard deviation, metres.
     #[serde(with = "quantity::PositiveLength")]

@@ -34,8 +34,22 @@ pub struct Vertex {
     pub at: Displacement,
     /// Its standard deviation in the worse direction, metres.
     pub deviation: f64,
+    /// What that would be of a spot as wide as it should be, metres.
+    pub by_light: f64,
     /// How far it may be elsewhere beside that, x and y, metres.
     pub elsewhere: [f64; 2],
+}
+
+impl Vertex {
+    /// The same after the move there, of patterns with such steps (metres): the next look would find it by no more than that elsewhere, where
+    /// looks come nearer at all.
+    pub(super) fn moved_to(self, step: f64) -> Self {
+        let [x, y] = self.elsewhere;
+        Self {
+            elsewhere: [x + step * self.at.x.abs(), y + step * self.at.y.abs()],
+            ..self
+        }
+    }
 }
 
 impl Patterns {
@@ -99,9 +113,13 @@ impl Patterns {
         // Patterns are those of their middle: until their end what drifts goes on by as much as between the middles of their halves.
         let half = self.0.len() / 2;
         let drifts = differ([self.mean(|k| k < half), self.mean(|k| k >= half)]);
+        let at = fit.vertex().unwrap_or_default();
+        let least = steepest[0].max(steepest[1]).abs();
+        let by_light = step * (variance / 6.0).sqrt() / least;
         Vertex {
-            at: fit.vertex().unwrap_or_default(),
+            at,
             deviation: step * fit.deviation(variance, steepest),
+            by_light,
             elsewhere: [0, 1].map(|i| step * (TUNING.climb.mirrored * ways[i] + 2.0 * drifts[i])),
         }
     }
@@ -164,6 +182,18 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_move_may_have_gone_too_far() {
+        let of = Vertex {
+            at: Displacement::new(-0.2, 0.0),
+            deviation: 5e-9,
+            by_light: 5e-9,
+            elsewhere: [1e-9, 2e-9],
+        };
+        let [x, y] = of.moved_to(0.2e-6).elsewhere;
+        assert!((x - 41e-9).abs() < 1e-12 && (y - 2e-9).abs() < 1e-12);
+    }
+
+    #[test]
     fn the_vertex_of_a_paraboloid_is_found_exactly() {
         let (x0, y0) = (0.31, -0.74);
         let values = PATTERN.map(|Displacement { x, y }| {
@@ -196,6 +226,7 @@ mod tests {
             at,
             deviation,
             elsewhere: [x, y],
+            ..
         } = seen.vertex(&spot, 0.1e-6);
         assert!(at.norm() < 1e-9 && deviation < 1e-9, "{deviation}");
         // Either way sees the peak two fifths of a step aside.

@@ -149,8 +149,6 @@ topic! {
         window: usize = 10, "patterns", Choice;
         /// After so many times the recipe's patterns an average that is not sure yet begins again.
         restart: u32 = 8, "1", Choice;
-        /// A vertex this near is gone to without another look.
-        near: f64 = 0.4, "steps", Choice;
         /// How long a micro of which it was measured by when it comes to rest is left to itself at a point of the last patterns, of that time: a seventh
         /// of a step is left then.
         rests: f64 = 0.4, "1", Choice;
