@@ -217,7 +217,8 @@ impl<'r> NinePoint<'r> {
             let of = seen.vertex(spot, self.step);
             let known = of.deviation < last.accuracy;
             let slower = (2.0 * dwell).min(longest);
-            let bends_otherwise = of.by_light < last.accuracy && slower > dwell;
+            let seen_too_early =
+                slower > dwell && of.by_light.is_some_and(|told| told < last.accuracy);
             if !known && late {
                 return Err(Outcome::Unsure {
                     deviation: of.deviation,
@@ -226,8 +227,8 @@ impl<'r> NinePoint<'r> {
                 .into());
             }
             // Averaged for too long the place has moved on, for piezos creep: what is left of the averages is a better centre to begin again from.
-            let too_long = seen.count() >= TUNING.climb.restart * patterns;
-            if !known && !bends_otherwise && !too_long {
+            let too_long = f64::from(seen.count()) * dwell >= TUNING.climb.restart * time;
+            if !known && !seen_too_early && !too_long {
                 continue;
             }
             self.shift(cell, of.at)?;

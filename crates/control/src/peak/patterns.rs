@@ -34,8 +34,8 @@ pub struct Vertex {
     pub at: Displacement,
     /// Its standard deviation in the worse direction, metres.
     pub deviation: f64,
-    /// What that would be of a spot as wide as it should be, metres.
-    pub by_light: f64,
+    /// What that would be of a spot as wide as it should be, metres, where this one bends otherwise; `None` where noise may be all that does it.
+    pub by_light: Option<f64>,
     /// How far it may be elsewhere beside that, x and y, metres.
     pub elsewhere: [f64; 2],
 }
@@ -114,8 +114,14 @@ impl Patterns {
         let half = self.0.len() / 2;
         let drifts = differ([self.mean(|k| k < half), self.mean(|k| k >= half)]);
         let at = fit.vertex().unwrap_or_default();
+        // Curvatures have twice the variance of a value, and slopes a sixth of it.
+        let noise = (2.0 * variance).sqrt();
+        let bends_otherwise = (fit.hx - steepest[0])
+            .abs()
+            .max((fit.hy - steepest[1]).abs())
+            > TUNING.climb.otherwise * noise;
         let least = steepest[0].max(steepest[1]).abs();
-        let by_light = step * (variance / 6.0).sqrt() / least;
+        let by_light = bends_otherwise.then(|| step * (variance / 6.0).sqrt() / least);
         Vertex {
             at,
             deviation: step * fit.deviation(variance, steepest),
@@ -186,7 +192,7 @@ mod tests {
         let of = Vertex {
             at: Displacement::new(-0.2, 0.0),
             deviation: 5e-9,
-            by_light: 5e-9,
+            by_light: None,
             elsewhere: [1e-9, 2e-9],
         };
         let [x, y] = of.moved_to(0.2e-6).elsewhere;
@@ -232,6 +238,30 @@ mod tests {
         // Either way sees the peak two fifths of a step aside.
         let left = TUNING.climb.mirrored * 0.4 * 0.1e-6;
         assert!((x / left - 1.0).abs() < 0.02 && y < 1e-12, "{x} {y}");
+    }
+
+    #[test]
+    fn what_bends_otherwise_than_by_noise_was_seen_too_early() {
+        let spot = Spot {
+            background: 0.0,
+            squared_widths: [4e-12; 2],
+        };
+        // A volt in a spot of 2 um bends by 5 mV over steps of 0.1 um; every other pattern is off by a tenth of that at two points.
+        let seen = |bend: f64| {
+            let mut seen = Patterns::default();
+            for k in 0..8 {
+                let noise = if k % 4 < 2 { 0.5e-3 } else { -0.5e-3 };
+                seen.add(PATTERN.map(|p| {
+                    let off = if p.y == 0.0 { noise * p.x } else { 0.0 };
+                    1.0 + off - 0.5 * bend * (p.x * p.x + p.y * p.y)
+                }));
+            }
+            seen.vertex(&spot, 0.1e-6)
+        };
+        assert_eq!(seen(5e-3).by_light, None);
+        let told = seen(10e-3).by_light.unwrap();
+        assert!(told > 0.0 && told < 5e-9, "{told}");
+        assert!(seen(2.5e-3).by_light.is_some());
     }
 
     #[test]

@@ -147,8 +147,10 @@ topic! {
     pub struct NinePointClimb in "climb", shown [Thesis] {
         /// Patterns whose centres are averaged to judge whether a climb still gets anywhere.
         window: usize = 10, "patterns", Choice;
-        /// After so many times the recipe's patterns an average that is not sure yet begins again.
-        restart: u32 = 8, "1", Choice;
+        /// After so many times as long as the recipe's patterns take an average that is not sure yet begins again.
+        restart: f64 = 8.0, "1", Choice;
+        /// So many deviations of its noise beside what it should be a curvature is another one: what bends it was seen too early.
+        otherwise: f64 = 3.0, "1", Choice;
         /// How long a micro of which it was measured by when it comes to rest is left to itself at a point of the last patterns, of that time: a seventh
         /// of a step is left then.
         rests: f64 = 0.4, "1", Choice;
