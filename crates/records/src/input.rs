@@ -192,7 +192,6 @@ fn gaps(rows: &[(f64, f64)]) -> Option<(usize, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fmt::Write as _;
 
     fn read_text(text: &str) -> Result<Input, Error> {
         let folder = tempfile::TempDir::new().expect("a folder");
