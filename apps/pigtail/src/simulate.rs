@@ -155,7 +155,7 @@ fn ranges(input: &Input) -> String {
     let (Input::Voltages(rows) | Input::Reference(rows)) = input else {
         return String::new();
     };
-    let [(first, _), .., (last, _)] = rows[..] else {
+    let Some(((first, _), (last, _))) = rows.first().zip(rows.last()) else {
         return String::new();
     };
     let (low, high) = bounds(rows);
@@ -164,6 +164,9 @@ fn ranges(input: &Input) -> String {
     } else {
         "counts"
     };
+    if rows.len() == 1 {
+        return format!("; one row alone: {low:.6} {unit} from {first} s on");
+    }
     format!(
         "; {} rows from {first} s to {last} s, {low:.6} to {high:.6} {unit}",
         rows.len()

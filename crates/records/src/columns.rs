@@ -422,10 +422,13 @@ fn locate(table: &Table, want: &Wanted) -> Result<(usize, Column), Error> {
     let stem = name.to_lowercase();
     let stem = stem.rsplit_once('_').map_or("", |(stem, _)| stem);
     let current = ["i", "iq", "id"].contains(&stem) || stem.contains("current");
-    let suffix = table.own_unit(place).filter(|(of, unit)| {
-        let channel = *of == CURRENT && *unit == "A" && !name.ends_with([']', ')']) && !current;
-        !channel || want.of.contains(of)
-    });
+    let suffix = table
+        .own_unit(place)
+        .or_else(|| called_after_unit(name, want.of))
+        .filter(|(of, unit)| {
+            let channel = *of == CURRENT && *unit == "A" && !name.ends_with([']', ')']) && !current;
+            !channel || want.of.contains(of)
+        });
     let (dimension, unit, by) = match (given, suffix) {
         (Some(given), _) => {
             let Some((dimension, unit)) = unit_of(want.of, given) else {
@@ -484,6 +487,12 @@ fn locate(table: &Table, want: &Wanted) -> Result<(usize, Column), Error> {
         by,
     };
     Ok((place, column))
+}
+
+/// The unit after which a column is called, as `ms`: of those that are asked for, and of more letters than one, which may be a symbol.
+fn called_after_unit(name: &str, of: &[Dimension]) -> Option<(Dimension, &'static str)> {
+    let name = name.trim();
+    unit_of(of, name).filter(|_| name.chars().count() > 1)
 }
 
 /// A unit that a column's name or header says and that is of nothing that is asked for here: `%`, `rpm`. A single letter behind an

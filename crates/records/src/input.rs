@@ -3,6 +3,9 @@
 use crate::columns::{self, Named, TIME, Table, Wanted};
 use pigtail_hal::Error;
 use pigtail_hal::quantity::{ANGLE, Dimension, LENGTH, RATIO, VOLTAGE};
+use pigtail_numerics::signal::quantile;
+use pigtail_sysid::timeline::counted;
+use std::fmt::Write as _;
 use std::path::Path;
 
 /// What a file's values are.
@@ -133,19 +136,32 @@ pub fn read(path: &Path, kind: Kind, rate: Option<f64>) -> Result<Input, Error> 
         let message = format!("is in {unit}; accepted are counts, lengths or angles");
         return Err(table.error(value.name(), message));
     }
-    let understood = columns::understood(&table, &list, &read, None);
+    let mut understood = columns::understood(&table, &list, &read, None);
     columns::rising(path, &read[0])?;
     if let Some(early) = read[0].values.iter().find(|t| **t < 0.0) {
         let message = format!("time {early} s is below zero; accepted are times of zero or more");
         return Err(table.error(time.name(), message));
     }
-    let rows: Vec<(f64, f64)> = read[0]
-        .values
-        .iter()
-        .copied()
-        .zip(read[1].values.iter().copied())
+    let all = read[0].values.iter().copied();
+    let all = all.zip(read[1].values.iter().copied());
+    let rows: Vec<(f64, f64)> = all
         .filter(|(t, v)| t.is_finite() && v.is_finite())
         .collect();
+    let without = read[0].values.len() - rows.len();
+    if without > 0 {
+        let _ = write!(
+            understood,
+            "; {} without a value left out: what was before holds on",
+            counted(without, "row")
+        );
+    }
+    if let Some((often, longest)) = gaps(&rows) {
+        let _ = write!(
+            understood,
+            "; {}, the longest {longest:.6} s, in which what was before holds on",
+            counted(often, "gap")
+        );
+    }
     if rows.is_empty() {
         return Err(table.error("", "has no rows; accepted is a row for each change"));
     }
@@ -154,4 +170,63 @@ pub fn read(path: &Path, kind: Kind, rate: Option<f64>) -> Result<Input, Error> 
         of: read[1].dimension,
         understood,
     })
+}
+
+/// How many gaps there are in rows that are taken evenly but for these, and the longest, seconds. Rows of changes come as they like.
+fn gaps(rows: &[(f64, f64)]) -> Option<(usize, f64)> {
+    /// Share of the steps that are alike, and by how much of one.
+    const EVENLY: f64 = 0.9;
+    const ALIKE: f64 = 0.01;
+    let steps: Vec<f64> = rows.windows(2).map(|w| w[1].0 - w[0].0).collect();
+    let usual = quantile(&steps, 0.5);
+    let alike = |s: &&f64| (**s - usual).abs() <= ALIKE * usual;
+    if steps.len() < 10 || (steps.iter().filter(alike).count() as f64) < EVENLY * steps.len() as f64
+    {
+        return None;
+    }
+    let long: Vec<f64> = steps.into_iter().filter(|s| *s > 1.5 * usual).collect();
+    let longest = long.iter().copied().fold(0.0, f64::max);
+    (!long.is_empty()).then_some((long.len(), longest))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read_text(text: &str) -> Result<Input, Error> {
+        let folder = tempfile::TempDir::new().expect("a folder");
+        let path = folder.path().join("r.csv");
+        std::fs::write(&path, text).expect("a file");
+        read(&path, Kind::Reference, None)
+    }
+
+    #[test]
+    fn rows_without_a_value_and_gaps_are_said() {
+        let mut text = "t_s,ref_um\n".to_owned();
+        for k in (0..100).filter(|k| !(40..50).contains(k)) {
+            let value = if k == 20 {
+                "NaN".to_owned()
+            } else {
+                k.to_string()
+            };
+            let _ = writeln!(text, "{},{value}", 0.001 * f64::from(k));
+        }
+        let input = read_text(&text).expect("an input");
+        assert_eq!(input.rows.len(), 89);
+        let said = &input.understood;
+        assert!(
+            said.contains("1 row without a value left out") && said.contains("2 gaps, the longest"),
+            "{said}"
+        );
+        let whole = read_text("t_s,ref_um\n0,0\n0.5,10\n7,20\n").expect("rows of changes");
+        assert!(!whole.understood.contains("gap"), "{}", whole.understood);
+    }
+
+    #[test]
+    fn a_column_that_is_called_after_its_unit_is_in_it() {
+        let input = read_text("ms,um\n0,0\n10,5\n").expect("an input");
+        assert_eq!(input.of, LENGTH);
+        let (time, way) = input.rows[1];
+        assert!((time - 0.01).abs() < 1e-12 && (way - 5e-6).abs() < 1e-15);
+    }
 }

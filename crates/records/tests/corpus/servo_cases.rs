@@ -517,6 +517,44 @@ pub(crate) const MANGLED: &[(&str, Wanted, Mangle)] = &[
         Wanted::Either,
         |rows, rng| some(rows, rng, 0.05, |u| -u),
     ),
+    (
+        "voltages lost in 30 runs of 3 to 20 rows, written as 0 V",
+        Wanted::Right,
+        |rows, rng| {
+            for _ in 0..30 {
+                let n = rng.random_range(3..=20);
+                let k = rng.random_range(100..rows.len() - 100);
+                rows[k..k + n].iter_mut().for_each(|r| r[3] = 0.0);
+            }
+        },
+    ),
+    (
+        "30 runs of 3 to 20 rows of another channel's noise for the voltage",
+        Wanted::Right,
+        |rows, rng| {
+            for _ in 0..30 {
+                let n = rng.random_range(3..=20);
+                let k = rng.random_range(100..rows.len() - 100);
+                for row in &mut rows[k..k + n] {
+                    row[3] = 0.01 * normal(rng);
+                }
+            }
+        },
+    ),
+    (
+        "position and voltage through one filter of 30 ms",
+        Wanted::Either,
+        |rows, _| {
+            let by = 1.0 - (-(rows[1][0] - rows[0][0]) / 0.03).exp();
+            for column in [2, 3] {
+                let mut last = rows[0][column];
+                for row in rows.iter_mut() {
+                    last += by * (row[column] - last);
+                    row[column] = last;
+                }
+            }
+        },
+    ),
     ("3 % of the voltages lost", Wanted::Right, |rows, rng| {
         some(rows, rng, 0.03, |_| 0.0);
     }),

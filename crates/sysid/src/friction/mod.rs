@@ -1,5 +1,6 @@
 //! A law of friction from force against displacement, presliding and sliding.
 
+mod agree;
 mod beside;
 mod blurred;
 mod bristle;
@@ -149,6 +150,7 @@ pub fn identify(
     changes::allow(&mut laws, record);
     tremble::allow(&mut laws, record);
     blurred::allow(&mut laws, record);
+    agree::allow(&mut laws, record);
     let chosen = &laws[best];
     if chosen.relative_error_percent > UNEXPLAINED {
         let mut because = format!(

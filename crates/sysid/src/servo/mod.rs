@@ -13,6 +13,7 @@
 //! M. Gautier and A. Janot; the settings are those of A. Janot, M. Gautier and M. Brunot, *Data Set and
 //! Reference Models of EMPS*, Workshop on Nonlinear System Identification Benchmarks, 2019.
 
+mod agree;
 mod bent;
 mod check;
 mod clipped;
@@ -25,6 +26,7 @@ mod replay;
 mod skew;
 mod slides;
 mod sliding;
+mod smeared;
 mod smoothed;
 mod variants;
 
@@ -446,9 +448,10 @@ pub fn identify(
     let second = second.as_ref().map(|r| r.driven(set).0);
     remarks.extend(record.told_injected(within));
     let (set, moved) = &quiet(record, set, &mut remarks);
-    let record = &*doubtful::without(record, Some(moved), set, &mut remarks)?;
+    let (record, lost) = doubtful::told(record, Some(moved), set, &mut remarks)?;
+    let record = &*record;
     let second = second
-        .map(|r| doubtful::without(&r, None, set, &mut Vec::new()).map(Cow::into_owned))
+        .map(|r| doubtful::told(&r, None, set, &mut Vec::new()).map(|(r, _)| r.into_owned()))
         .transpose()?;
     let set = &Settings {
         settle: equations::unsettled(&moved.equations(record, set)),
@@ -473,7 +476,8 @@ pub fn identify(
     check::bandwidth(record, with_place.as_ref().unwrap_or(&columns), set)?;
     let mut unknown = check::excitation(&mut columns, moved, set)?;
     unknown.extend(of_another_scale(stamped, controller.as_ref()));
-    let (keep, cut) = believed(&mut columns, record, set, &mut remarks)?;
+    let smeared = smeared::smeared(&columns);
+    let (keep, cut) = believed((&mut columns, &lost), record, set, &mut remarks)?;
     let second = second.map(|r| Equations {
         one_way: columns.one_way,
         ..Equations::of(&r, set)
@@ -502,15 +506,14 @@ pub fn identify(
     of_place.widen(&mut variants);
     bent::bent(&columns, cut, &mut variants, &mut unknown, &mut remarks);
     remarks.extend(slides::unsteady(&columns, &mut variants, &mut unknown));
+    remarks.extend(agree::agree(&columns, &mut variants));
     let supported = supported(&variants);
     let noise = check::acceleration_noise(moved, set);
-    smoothed::smoothed(
-        (&columns, noise),
-        supported,
-        &mut variants,
-        &mut unknown,
-        &mut remarks,
-    );
+    let (all, unknowns) = (&mut variants, &mut unknown);
+    if let Some(smeared) = smeared {
+        smeared.widen(supported, all, unknowns, &mut remarks);
+    }
+    smoothed::smoothed((&columns, noise), supported, all, unknowns, &mut remarks);
     let first = &variants[0];
     check::uncertain(first, &columns, &mut unknown);
     check::robustly(&mut variants, &mut unknown);
@@ -572,16 +575,21 @@ fn supported(variants: &[Variant]) -> Method {
 /// Leaves out the equations that are not to be believed: which were kept, where some were not, and whether a voltage that was cut off is
 /// the reason.
 fn believed(
-    columns: &mut Equations,
+    (columns, lost): (&mut Equations, &doubtful::Lost),
     record: &Record,
     set: &Settings,
     remarks: &mut Vec<String>,
 ) -> Result<(Option<Vec<bool>>, bool), Unknown> {
-    if columns.one_way {
-        return Ok((None, false));
-    }
     let out = |keep: &[bool]| keep.iter().filter(|k| !**k).count();
-    let mut keep = None;
+    let mut keep = doubtful::untouched(columns, lost, set, record.even.period);
+    if let Some(keep) = &keep {
+        columns.retain(keep);
+        enough(columns, record)?;
+    }
+    if columns.one_way {
+        return Ok((keep, false));
+    }
+    let mut cut = false;
     if let Some((whole, level)) = clipped::clipped(record, set, columns)? {
         remarks.push(format!(
             "the voltage is cut off in the record: where it is high the motion asks for more than is written; the \
@@ -590,9 +598,9 @@ fn believed(
         ));
         columns.retain(&whole);
         enough(columns, record)?;
-        keep = Some(whole);
+        keep = Some(both(keep, whole));
+        cut = true;
     }
-    let cut = keep.is_some();
     if let Some(near) = columns.apart() {
         remarks.push(format!(
             "{} of {} equations stand apart from all others, by more than {APART} standard deviations; set aside",
@@ -600,10 +608,7 @@ fn believed(
             near.len()
         ));
         columns.retain(&near);
-        let all = keep.unwrap_or_else(|| vec![true; near.len()]);
-        let mut near = near.into_iter();
-        let both = all.into_iter().map(|k| k && near.next().unwrap_or(true));
-        keep = Some(both.collect());
+        keep = Some(both(keep, near));
     }
     if let Some(slides) = other::sliding(columns) {
         remarks.push(format!(
@@ -612,12 +617,19 @@ fn believed(
             100.0 * out(&slides) as f64 / slides.len() as f64
         ));
         columns.retain(&slides);
-        let all = keep.unwrap_or_else(|| vec![true; slides.len()]);
-        let mut slides = slides.into_iter();
-        let both = all.into_iter().map(|k| k && slides.next().unwrap_or(true));
-        keep = Some(both.collect());
+        keep = Some(both(keep, slides));
     }
     Ok((keep, cut))
+}
+
+/// Which of all are kept, of those that were before, where some were not.
+fn both(before: Option<Vec<bool>>, of_these: Vec<bool>) -> Vec<bool> {
+    let all = before.unwrap_or_else(|| vec![true; of_these.len()]);
+    let mut of_these = of_these.into_iter();
+    let both = all
+        .into_iter()
+        .map(|kept| kept && of_these.next().unwrap_or(true));
+    both.collect()
 }
 
 fn enough(columns: &Equations, record: &Record) -> Result<(), Unknown> {

@@ -18,6 +18,9 @@ const LOOSE: f64 = 1.0 / 3.0;
 /// Least tolerance of a part's columns beside each other.
 const OWN: f64 = 1e-4;
 
+/// Deviations beyond which what another fit says is not chance: of 100 that are chance one is.
+pub(super) const ASIDE: f64 = 2.576;
+
 /// Column of the offset.
 const OFFSET: usize = 3;
 

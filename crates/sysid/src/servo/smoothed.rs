@@ -7,13 +7,10 @@
 
 use super::bent::NAMES;
 use super::other::{OTHER, SURELY, beside};
-use super::slides::Slides;
+use super::slides::{ASIDE, Slides};
 use super::{Equations, Friction, LATE, Method, Unknown, Variant};
 use pigtail_numerics::regression::{Solution, least_squares};
 use pigtail_numerics::signal::rms;
-
-/// Deviations beyond which a parameter is not there: of 100 that are one is.
-const ASIDE: f64 = 2.576;
 
 /// Second differences of second differences that are taken beside: each reaches an equation farther to either side.
 const ORDERS: usize = 3;
