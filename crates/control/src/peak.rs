@@ -170,7 +170,8 @@ impl<'r> NinePoint<'r> {
     /// Every other pattern is mirrored at its centre. How far a micro is from a point where it has not come to rest follows from the points
     /// before, so that mirrored ones leave it as far on the other side, and no peak is seen aside. But what is seen nearer than it was told to be, or
     /// farther out, or turned, makes a vertex too near or too far: a look tells how far the one before was off. A micro is given time at each
-    /// point where it was measured by when it comes to rest, and twice as much on each further look.
+    /// point where it was measured by when it comes to rest, and twice as much on each further look, as long as four patterns take no longer than
+    /// the recipe's.
     ///
     /// The thesis rests on the brightest of nine noisy points. Close to the peak those differ by
     /// less than the photodiode's noise, so that the last centre is a draw from a cloud as wide
