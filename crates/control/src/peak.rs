@@ -29,14 +29,6 @@ const PATTERN: [Displacement; 9] = [
 /// Of fewer patterns, half of them on either way, nobody could say how they scatter.
 const FEWEST: u32 = 4;
 
-/// How the nine points are visited.
-#[derive(Debug, Clone, Copy)]
-enum Way {
-    Forth,
-    /// Each opposite to where it is.
-    Mirrored,
-}
-
 /// Which point lies opposite to one of the nine.
 const fn across(k: usize) -> usize {
     if k == 0 { 0 } else { (k + 3) % 8 + 1 }
@@ -72,21 +64,18 @@ impl<'r> NinePoint<'r> {
         }
     }
 
-    /// Visits the nine points around the centre one way or another; the light at each after
+    /// Visits the nine points around the centre, or the same way `mirrored` at the centre; the light at each after
     /// `dwell` seconds, volts.
     async fn pattern(
         &self,
         cell: &AlignmentCell<'_>,
         dwell: f64,
-        way: Way,
+        mirrored: bool,
     ) -> Result<[f64; 9], Halt> {
         let centre = self.centre;
         let mut light = [0.0; 9];
         for k in 0..PATTERN.len() {
-            let k = match way {
-                Way::Forth => k,
-                Way::Mirrored => across(k),
-            };
+            let k = if mirrored { across(k) } else { k };
             cell.move_micro(self.side, centre + PATTERN[k] * self.step)?;
             // A dwell shorter than the photodiode's period waits for it.
             light[k] = cell.last_light(self.channel, dwell).await?;
@@ -100,7 +89,7 @@ impl<'r> NinePoint<'r> {
     ///
     /// A fault, or [`Outcome::MicroRange`] when the micro has come to the end of its range.
     pub async fn step(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
-        let light = self.pattern(cell, self.climb.dwell, Way::Forth).await?;
+        let light = self.pattern(cell, self.climb.dwell, false).await?;
         let to = PATTERN[brightest(&light)];
         self.shift(cell, to)?;
         if let Some(widest) = self.climb.widest {
@@ -206,8 +195,8 @@ impl<'r> NinePoint<'r> {
         let mut seen = Patterns::default();
         let mut looked = false;
         let found = loop {
-            for way in [Way::Forth, Way::Mirrored] {
-                seen.add(self.pattern(cell, dwell, way).await?);
+            for mirrored in [false, true] {
+                seen.add(self.pattern(cell, dwell, mirrored).await?);
             }
             let late = cell.now() > end;
             let patterns = ((0.5 * time / dwell).ceil() as u32).max(FEWEST);

@@ -580,7 +580,7 @@ pub const CHANGES: &[Change] = &[
             "an input fiber whose last patterns went to and fro",
             "one whose peak was looked at twice, by patterns every other of which was mirrored",
         ),
-        (Some(failed(30.89)), held(27.57)),
+        (Some(failed(35.89)), held(27.57)),
         "The piezos are identified in other light, by other noise; by seeds 1 to 5 it is 32 to 41 and fails still. The claim itself was not touched.",
     ),
     change(

@@ -168,6 +168,7 @@ impl Smeared {
             ));
         }
     }
+
     fn another(&self, names: &[&'static str], first: f64, value: f64) -> Unknown {
         Unknown {
             parameters: names.to_vec(),
