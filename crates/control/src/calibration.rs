@@ -486,6 +486,9 @@ pub struct AxisGains {
     /// Bound of the integral's part of the voltage, volts.
     #[serde(with = "quantity::PositiveVoltage")]
     pub integral_limit: f64,
+    /// How fast the slowest axis of its kind follows, at its output, where that is far less than its datasheet says, m/s.
+    #[serde(default, with = "quantity::Optional::<quantity::PositiveSpeed>")]
+    pub speed: Option<f64>,
     /// When it was found.
     pub date: String,
     /// By which run.

@@ -338,6 +338,20 @@ impl<'b> AlignmentCell<'b> {
         self.send_to(fine(side), to, None).map(drop)
     }
 
+    /// The same smoothly, while something else goes on.
+    ///
+    /// # Errors
+    ///
+    /// [`Outcome::BenchFailed`].
+    pub fn glide_micro(&self, side: Side, to: Displacement) -> Result<(), Outcome> {
+        let seconds = TUNING.search.glide * self.spec().micro.settling;
+        let from = self.micro(side);
+        self.micro_path(side, (seconds, seconds / TUNING.search.glides), |time| {
+            let share = time / seconds;
+            from + (to - from) * (share * share * (3.0 - 2.0 * share))
+        })
+    }
+
     /// Has a micro play a law.
     ///
     /// # Errors

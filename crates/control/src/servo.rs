@@ -104,6 +104,7 @@ mod tests {
             ki,
             kd,
             integral_limit: 2.0,
+            speed: None,
             date: String::new(),
             origin: String::new(),
         }

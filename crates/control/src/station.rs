@@ -146,7 +146,13 @@ impl<'a> Station<'a> {
         calibration: &Calibration,
         observer: &'a mut dyn Observer,
     ) -> Result<Self, Fault> {
-        let spec = machine.spec().clone();
+        let mut spec = machine.spec().clone();
+        // As fast as it says, or as it was found to go.
+        let gains = &calibration.gains;
+        let as_found =
+            |speed: f64, found: Option<f64>| found.map_or(speed, |found| speed.min(found));
+        spec.five_bar.speed = as_found(spec.five_bar.speed, gains.five_bar.speed);
+        spec.z_stage.speed = as_found(spec.z_stage.speed, gains.z.speed);
         let arms = Side::ALL.map(|side| Arm::new(&spec, calibration, side));
         let mut command = Command::IDLE;
         for (micro, arm) in command.micro.iter_mut().zip(&arms) {

@@ -51,6 +51,7 @@ impl Experiment {
             ki,
             kd,
             integral_limit: self.integral_limit,
+            speed: None,
             date: String::new(),
             origin: String::new(),
         };

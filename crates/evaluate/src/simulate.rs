@@ -205,6 +205,7 @@ impl Parameters {
             ki: self.ki,
             kd: self.kd,
             integral_limit: self.Vint,
+            speed: None,
             date: String::new(),
             origin: String::new(),
         };

@@ -6,6 +6,7 @@ use crate::rig::Rig;
 use pigtail_control::identify::{
     Fit, Path, Scale, WindupRecord, backlash, error_span, fit_memory, fit_reversal, scan,
 };
+use pigtail_control::outcome::Outcome;
 use pigtail_control::station::Station;
 use pigtail_hal::{Axis, AxisName, Error};
 use pigtail_model::windup::{Memory, Reversal, Windup};
@@ -197,6 +198,13 @@ pub struct Models {
 }
 
 impl Models {
+    /// Whether there is windup that a model could tell: more of it than what is left of the best one.
+    fn winds(&self) -> bool {
+        /// Of what is left, rms.
+        const SEEN: f64 = 1.0;
+        self.reversal.model.maximum > SEEN * self.memory.residual
+    }
+
     /// Scans an axis, and fits both models.
     fn of(
         station: &mut Station,
@@ -269,11 +277,20 @@ pub fn windup(
     let scale = scale(rig, at.axis)?;
     let um = 1e6 * scale.metres_per_radian;
     let (range, speed) = range_and_speed(at.axis, &scale);
+    let found = Models::of(station, at, &scale, (range, speed))?;
+    if !found.winds() {
+        let [w_max, residual] =
+            [found.reversal.model.maximum, found.memory.residual].map(|angle| um * angle);
+        let why = format!(
+            "{at} shows no windup to compensate: {w_max:.2} um (`W_max`), and a model leaves {residual:.2} um, rms"
+        );
+        return Err(Outcome::BenchFailed { why }.into());
+    }
     let Models {
         record,
         reversal,
         memory,
-    } = Models::of(station, at, &scale, (range, speed))?;
+    } = found;
     let tried_models = [
         Windup::None,
         Windup::Reversal(reversal.model),
@@ -390,6 +407,11 @@ impl MeasuredWindup {
         } = &self.models;
         let models = (&reversal.model, &memory.model);
         values(Model::Memory, models, memory.residual, (date, origin))
+    }
+
+    /// Whether there is windup that the model could tell.
+    pub fn winds(&self) -> bool {
+        self.models.winds()
     }
 
     /// `W_max` and `Q` of (2.20), and the root mean square that the model that remembers leaves, micrometres.

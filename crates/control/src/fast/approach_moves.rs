@@ -114,7 +114,7 @@ impl Aim {
 /// Sends the micro to where its lines begin.
 pub(super) fn cock(cell: &AlignmentCell<'_>, side: Side, width: f64) -> Result<(), Outcome> {
     let start = reach(cell, side, width).low;
-    cell.move_micro(side, Displacement::new(start, 0.0))
+    cell.glide_micro(side, Displacement::new(start, 0.0))
 }
 
 /// Waits until a tip is seen as well as `sure` metres across; goes on without where that takes too

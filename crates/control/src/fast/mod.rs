@@ -152,7 +152,7 @@ impl<'r> Shared<'r> {
         for (attempt, pass) in passes.enumerate() {
             if seen {
                 let aside = pass.sensing * fast.sensing.sidestep;
-                cell.move_micro(Side::Right, Displacement::new(aside, 0.0))?;
+                cell.glide_micro(Side::Right, Displacement::new(aside, 0.0))?;
             }
             let look = self.look(pass, gap, spacing, attempt > 0);
             let result = match waiting.take() {
@@ -164,7 +164,7 @@ impl<'r> Shared<'r> {
             }
         }
         if seen {
-            cell.move_micro(Side::Right, Displacement::ZERO)?;
+            cell.glide_micro(Side::Right, Displacement::ZERO)?;
         }
         if !cell.follows(job.side) {
             return job.align(cell).await;

@@ -56,6 +56,11 @@ topic! {
         unlike: f64 = 0.5, "1", Choice;
         /// Places of a sinusoid that a micro goes straight between, each period.
         knots: f64 = 32.0, "1", Choice;
+        /// How long a micro takes that is sent aside with nothing to be seen there yet: over many periods of any resonance, so that it
+        /// does not ring, however little it is damped. The macro takes longer to come there.
+        glide: f64 = 4.0, "settlings of the datasheet", Choice;
+        /// Places that it goes straight between.
+        glides: f64 = 40.0, "1", Choice;
         /// Share of the light that was found which must still be there after a climb.
         still_there: f64 = 0.5, "1", Choice;
         /// How long light that was found is looked at, and what is beside it.

@@ -1,4 +1,4 @@
-//! Gains that every axis of a kind comes to rest under.
+//! Gains that every axis of a kind comes to rest under, and how fast all of them go.
 
 use super::checks::swings;
 use super::{Bench, Found, NotDone};
@@ -6,9 +6,11 @@ use crate::calibrations::Change;
 use crate::characterize::Step;
 use crate::job::Ended;
 use crate::tune::{GainsRow, Method, Tune, step_of};
+use pigtail_control::characterize::Trace;
 use pigtail_hal::{Axis, AxisName, Side};
 use pigtail_numerics::rounded;
 use serde_json::{Map, Value, json};
+use std::f64::consts::TAU;
 
 /// Gains as one axis has them.
 struct Tuned {
@@ -28,12 +30,36 @@ struct Answers {
     /// The one that hunts most, and how often it goes to and fro: between counts its derivative alone is more than what moves it, or its integral
     /// comes too late, so that it swings about where it is to stand, until chance ends that.
     hunts: Option<(AxisName, usize)>,
+    /// How fast the slowest goes that goes no faster however long it is driven, encoder counts a second.
+    slowest: Option<f64>,
+}
+
+/// The speed that an axis has come to that is driven with all its voltage through a step, counts a second; `None` where it was still gathering
+/// speed as it came near.
+fn levelled(trace: &Trace) -> Option<f64> {
+    /// Of the voltage: all of it.
+    const ALL: f64 = 0.99;
+    /// From the third quarter to the last: one that gathers speed steadily is 1.4 times as fast.
+    const GATHERS: f64 = 1.1;
+    let first = trace.voltage.first()?.abs();
+    let driven = trace
+        .voltage
+        .iter()
+        .take_while(|volts| volts.abs() >= ALL * first);
+    let quarter = driven.count().saturating_sub(1) / 4;
+    if quarter < 2 {
+        return None;
+    }
+    let at = |k: usize| trace.encoder[k * quarter];
+    let speed = |from: usize| (at(from + 1) - at(from)) / (quarter as f64 * trace.period);
+    let (third, last) = (speed(2).abs(), speed(3).abs());
+    (last < GATHERS * third).then_some(0.5 * (third + last))
 }
 
 impl Tuned {
     /// An axis to tune on instead, where one does not come to rest or hunts.
     fn another(&self) -> Option<AxisName> {
-        let Answers { wrong, hunts } = self.answers;
+        let Answers { wrong, hunts, .. } = self.answers;
         let at = wrong.or(hunts.map(|(at, _)| at))?;
         let side = match at.side {
             _ if at != self.at => at.side,
@@ -102,11 +128,15 @@ impl Bench<'_, '_> {
         let mut gains = tuned.gains;
         let mut gentler = 0;
         let mut limit = None;
-        let change = |bench: &Self, gains: &GainsRow, limit: Option<f64>| {
+        let change = |bench: &Self, gains: &GainsRow, limit: Option<f64>, speed: Option<f64>| {
             let origin = bench.origin(&format!("tune {at}"));
             let mut values = gains.values(&bench.plan.date, &origin);
             let volts = |limit: f64| toml_edit::value(format!("{} V", rounded(limit, 1e-3)));
             values.extend(limit.map(|limit| ("integral_limit", volts(limit))));
+            let metres =
+                |speed: f64| toml_edit::value(format!("{} mm/s", rounded(1e3 * speed, 1e-3)));
+            // Of one that goes as fast as it should nothing is said, whatever was before.
+            values.push(("speed", speed.map_or(toml_edit::Item::None, metres)));
             Change {
                 table: format!("gains.{table}"),
                 values,
@@ -114,7 +144,7 @@ impl Bench<'_, '_> {
             }
         };
         let answers = loop {
-            self.try_out(&change(self, &gains, limit))?;
+            self.try_out(&change(self, &gains, limit, None))?;
             let answers = self.step_all(at.axis, values)?;
             if answers.wrong.is_none() && (answers.hunts.is_none() || gentler == GENTLER) {
                 break answers;
@@ -138,6 +168,7 @@ impl Bench<'_, '_> {
             (gains, gentler, limit) = (tuned.gains, 0, Some(start));
         };
         let specified = tuned.specified.map(|specified| specified.met);
+        let speed = self.too_slow(at.axis, answers.slowest);
         values.insert(
             table.to_owned(),
             json!({
@@ -149,13 +180,33 @@ impl Bench<'_, '_> {
                 "rise_ms": tuned.rise_ms,
                 "settling_ms": tuned.settling_ms,
                 "specified_met": specified,
+                "speed_mm_s": speed.map(|speed| rounded(1e3 * speed, 1e-3)),
             }),
         );
         Ok(Tuned {
-            change: change(self, &gains, limit),
+            change: change(self, &gains, limit, speed),
             at,
             answers,
         })
+    }
+
+    /// How fast an axis of a kind can be led, metres a second at its output, of which the slowest goes so many counts a second; `None` where the
+    /// datasheet's speed will do.
+    fn too_slow(&self, kind: Axis, slowest: Option<f64>) -> Option<f64> {
+        /// A servo needs voltage beyond that of the way.
+        const LED: f64 = 0.8;
+        /// Of the datasheet's speed: what comes nearer follows it over ways as short as those of a macro.
+        const NEARLY: f64 = 0.75;
+        let rig = &self.setup.rig;
+        let drive = rig.spec.drive(kind);
+        let counts = slowest? * drive.count() / drive.gear_ratio;
+        let geometry = &rig.calibration.geometry;
+        let (speed, specified) = if kind == Axis::Z {
+            (geometry.z.lead / TAU * counts, rig.spec.z_stage.speed)
+        } else {
+            (geometry.five_bar.proximal * counts, rig.spec.five_bar.speed)
+        };
+        (speed < NEARLY * specified).then_some(LED * speed)
     }
 
     /// Steps all axes of a kind, far and a little, and notes how they answer to the former.
@@ -184,6 +235,10 @@ impl Bench<'_, '_> {
                 }
                 let swings = swings(&trace.encoder, step.size as f64)
                     .max(swings(&small.encoder, little.size as f64));
+                if let Some(speed) = levelled(&trace) {
+                    let slowest = answers.slowest.unwrap_or(f64::INFINITY);
+                    answers.slowest = Some(slowest.min(speed));
+                }
                 let most = answers.hunts.map_or(SWINGS, |(_, most)| most);
                 if swings > most {
                     answers.hunts = Some((at, swings));
@@ -201,5 +256,38 @@ impl Bench<'_, '_> {
             }
         }
         Ok(answers)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A step of 1,300 counts, driven with all voltage up to there, by where it is after so many seconds.
+    fn driven(at: impl Fn(f64) -> f64) -> Trace {
+        let period = 4e-4;
+        let encoder: Vec<_> = (1..=200_u32).map(|k| at(f64::from(k) * period)).collect();
+        Trace {
+            period,
+            reference: vec![1300.0; encoder.len()],
+            output: Vec::new(),
+            voltage: encoder
+                .iter()
+                .map(|at| if *at < 1300.0 { 24.0 } else { -3.0 })
+                .collect(),
+            encoder,
+        }
+    }
+
+    #[test]
+    fn a_speed_that_no_longer_grows_is_seen() {
+        // Rubbed so much that it comes to 27,000 counts a second within a millisecond.
+        let rubbed = driven(|time| 27e3 * (time - 1e-3 * (1.0 - (-time / 1e-3).exp())));
+        let speed = levelled(&rubbed).unwrap();
+        assert!((speed / 27e3 - 1.0).abs() < 0.02, "{speed}");
+        // One that gathers speed to the end.
+        assert_eq!(levelled(&driven(|time| 3.5e6 * time * time)), None);
+        // One that was never driven with all its voltage for long.
+        assert_eq!(levelled(&driven(|time| 1e6 * time)), None);
     }
 }
