@@ -105,10 +105,29 @@ fn key_of(path: &Path) -> String {
     }
 }
 
-/// Below its message an error of TOML lists the tables around it, which the key says already.
+/// Below its message an error of TOML lists the tables around it, which the key says already; and what is accepted it calls by its type.
 fn first_line(message: &str) -> String {
-    let message = message.split("\nin `").next().unwrap_or_default();
-    message.trim_end().to_owned()
+    /// Types of numbers, and what a person would call them.
+    const NUMBERS: [(&[&str], &str); 3] = [
+        (
+            &["u8", "u16", "u32", "u64", "usize"],
+            "a whole number, zero or more",
+        ),
+        (&["i8", "i16", "i32", "i64", "isize"], "a whole number"),
+        (&["f32", "f64"], "a number"),
+    ];
+    let message = message
+        .split("\nin `")
+        .next()
+        .unwrap_or_default()
+        .trim_end();
+    let called = message
+        .rsplit_once(", expected ")
+        .and_then(|(wrong, name)| {
+            let (_, called) = NUMBERS.iter().find(|(names, _)| names.contains(&name))?;
+            Some(format!("{wrong}; accepted is {called}"))
+        });
+    called.unwrap_or_else(|| message.to_owned())
 }
 
 /// Where in a text the value at `path` starts; what lacks there starts where its table does.
@@ -167,6 +186,21 @@ mod tests {
             assert!(text.contains(part), "{text}");
         }
         assert_eq!(text.lines().count(), 1, "{text}");
+    }
+
+    #[test]
+    fn a_number_of_another_kind_is_told_in_words() {
+        #[derive(Debug, serde::Deserialize)]
+        struct Turns {
+            #[expect(dead_code, reason = "only its error is asked for")]
+            turns: u32,
+        }
+        let text = parse::<Turns>("a.toml", "turns = -10\n").unwrap_err();
+        let text = text.to_string();
+        assert!(
+            text.ends_with("integer `-10`; accepted is a whole number, zero or more"),
+            "{text}"
+        );
     }
 
     #[test]
