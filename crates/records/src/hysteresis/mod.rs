@@ -1,6 +1,7 @@
 //! Models of a piezo's hysteresis: from a record that a person brings, or from a machine.
 
 mod data;
+mod lost;
 
 pub use data::{Columns, Data, Read};
 
@@ -361,6 +362,19 @@ pub fn fit(record: Record, kind: Kind) -> Result<Tried, Invalid> {
         range,
         record.len() - to,
     );
+    // What a model does not tell of what it was fitted to it knows nothing of, however well it goes with the rest.
+    if document.doubt.is_empty() {
+        let own = &record.output[from..to];
+        let share = |um: f64| 100.0 * um / Range::of(own).width();
+        let doubt = doubt(
+            share(fitted.rms_um),
+            share(fitted.uncompensated_rms_um),
+            share(about_mean(own)),
+        );
+        if !doubt.is_empty() {
+            document.doubt = format!("where it was fitted {doubt}");
+        }
+    }
     document.fitted = Some(fitted);
     document.held_back = Some(held_back);
     doubt_gain(

@@ -51,7 +51,7 @@ pub fn fit_memory(
     lag: Option<f64>,
     creep: Creep,
 ) -> Result<Memory, Invalid> {
-    let lag = lag.unwrap_or_else(|| best_lag(record, to, 10.0 * record.period(), creep));
+    let lag = lag.unwrap_or_else(|| best_lag(record, to, longest_lag(record), creep));
     let mut best: Option<(f64, Memory)> = None;
     for degree in 1..=DEGREE {
         let Ok((_, model)) = solve(record, to, degree, lag, creep, ROUNDS) else {
@@ -85,6 +85,15 @@ pub fn fit_memory(
             "a record of a piezo",
         )
     })
+}
+
+/// The longest lag that is looked for: ten samples, but no more than a way takes. Beyond that a motion to and fro comes back to where it was,
+/// and what a lag leaves has more than one least.
+fn longest_lag(record: &Record) -> f64 {
+    /// Sample periods.
+    const PERIODS: f64 = 10.0;
+    let samples = PERIODS * record.period();
+    record.way().map_or(samples, |way| samples.min(way))
 }
 
 /// The lag up to `longest` that fits best, by golden section. A curve that leans is enough to
