@@ -53,6 +53,9 @@ type Samples = (Vec<f64>, Vec<f64>, Vec<f64>);
 /// Largest share of samples that may be set aside as spikes.
 const SPIKES: f64 = 0.02;
 
+/// Of a voltage's range less than this share is said.
+const LESS: f64 = 0.95;
+
 /// A plateau lies within so many of its noise's standard deviations.
 const PLATEAU: f64 = 8.0;
 
@@ -276,6 +279,8 @@ impl Data {
         // What a piezo did in a gap nobody knows.
         let all = even.samples();
         let (count, period) = (even.stretches.len(), even.period);
+        let volts = even.stretches.iter().flat_map(|s| &s.columns[1]);
+        let whole = Range::of(&volts.copied().collect::<Vec<f64>>()).width();
         let longest = even
             .stretches
             .into_iter()
@@ -286,6 +291,13 @@ impl Data {
             remarks.push(format!(
                 "only its longest stretch without a gap or a jump was taken, {n} of {all} samples"
             ));
+            let own = Range::of(&longest.columns[1]).width();
+            if own < LESS * whole {
+                remarks.push(format!(
+                    "its voltage goes over {own:.3} V there, {:.0} % of the whole record's: beyond these the model was shown nothing",
+                    100.0 * own / whole
+                ));
+            }
         }
         let time = (0..n).map(|k| longest.start + period * k as f64).collect();
         let mut columns = longest.columns.into_iter();

@@ -78,12 +78,7 @@ pub(super) fn filtered(laws: &[Fitted], record: &Record) -> Vec<Option<Filtered>
         .collect()
 }
 
-fn behind(
-    fitted: &Fitted,
-    record: &Record,
-    motion: &[[f64; 2]],
-    pole: f64,
-) -> Option<Filtered> {
+fn behind(fitted: &Fitted, record: &Record, motion: &[[f64; 2]], pole: f64) -> Option<Filtered> {
     let (law, force) = (fitted.law, record.largest_force());
     let left = |coded: &[f64]| -> Vec<f64> {
         let (own, pole) = coded.split_at(coded.len() - 1);
