@@ -533,8 +533,8 @@ mod tests {
             [Some("s".to_owned()), Some("mm".to_owned())]
         );
         assert_eq!(
-            of("f,gain,phase\n[Hz],[],[deg]\n1,1,0\n2,1,0\n").units,
-            [Some("Hz".to_owned()), None, Some("deg".to_owned())]
+            of("t,gain,u\n[s],[],[V]\n1,1,0\n2,1,0\n").units,
+            [Some("s".to_owned()), None, Some("V".to_owned())]
         );
     }
 

@@ -120,7 +120,8 @@ mod tests {
         assert_eq!(bridge(&mut record), 8);
         for (k, v) in record.stretches[0].columns[1].iter().enumerate() {
             let pulse = if (1500..1505).contains(&k) { 2.0 } else { 0.0 };
-            assert!((v - path[k] - pulse).abs() < 5e-3, "{k}: {v}");
+            // A chord over seven rows lies 0.03 V below the path.
+            assert!((v - path[k] - pulse).abs() < 0.04, "{k}: {v}");
         }
     }
 }

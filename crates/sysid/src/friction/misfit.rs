@@ -122,10 +122,13 @@ pub(super) fn allow(laws: &mut [Fitted], record: &Record) {
             used: e.used,
         })
         .collect();
+    // A filter is there where no contact without one tells the force as well: a law that is wrong anyway is wrong behind a filter, too.
+    let without = |behind: &Told| told.iter().chain(&every).all(|t| behind.beats(t));
     let filtered: Vec<Told> = laws
         .iter()
         .zip(filtered(laws, record))
         .filter_map(|(law, found)| found.map(|f| self::told(law, &f.values, f.left, 1)))
+        .filter(without)
         .collect();
     for (fitted, own) in laws.iter_mut().zip(&told) {
         let rivals: Vec<&Told> = told
