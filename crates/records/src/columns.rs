@@ -316,7 +316,10 @@ pub fn read(table: &Table, wanted: &[Wanted]) -> Result<Vec<Column>, Error> {
     for column in &columns {
         let rows = column.values.len();
         if rows == 0 {
-            return Err(table.error("", "has no rows below its line of names"));
+            return Err(table.error(
+                "",
+                "has no rows below its line of names; accepted are rows of numbers",
+            ));
         }
         let missing = column.values.iter().filter(|v| v.is_nan()).count();
         if missing as f64 > MISSING * rows as f64 {

@@ -253,14 +253,17 @@ fn above(lines: &[Line], rows: &Rows, width: usize, is_unit: impl Fn(&str) -> bo
     if let Some(line) = plain.next().filter(|line| named(&bare(line))) {
         let row = bare(line);
         let inside = |f: &str| f.trim_matches(['[', ']', '(', ')']).trim().to_owned();
+        // A ratio's unit is nothing, and nothing may stand in brackets: `[Hz],[],[deg]`.
+        let nothing = |unit: &str| unit.is_empty() || unit == "-";
         let of_units = row
             .iter()
-            .all(|f| f.is_empty() || f == "-" || is_unit(&inside(f)));
+            .map(|f| inside(f))
+            .all(|unit| nothing(&unit) || is_unit(&unit));
         let names = plain
             .next()
             .filter(|line| of_units && bare(line).len() == width);
         if names.is_some() {
-            let unit = |f: &String| Some(inside(f)).filter(|f| !f.is_empty() && f != "-");
+            let unit = |f: &String| Some(inside(f)).filter(|unit| !nothing(unit));
             found.units = row.iter().map(unit).collect();
         }
         let line = names.unwrap_or(line);
@@ -528,6 +531,10 @@ mod tests {
         assert_eq!(
             of("t;x\ns;mm\n0;1\n1;2\n").units,
             [Some("s".to_owned()), Some("mm".to_owned())]
+        );
+        assert_eq!(
+            of("t,gain,u\n[s],[],[V]\n1,1,0\n2,1,0\n").units,
+            [Some("s".to_owned()), None, Some("V".to_owned())]
         );
     }
 

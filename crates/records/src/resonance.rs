@@ -194,7 +194,7 @@ impl Chosen {
             );
         }
         let other = |k: usize| b.as_ref().map_or(0.0, |b| b.values[k]);
-        let values = a
+        let mut values: Vec<Complex<f64>> = a
             .values
             .iter()
             .enumerate()
@@ -204,6 +204,7 @@ impl Chosen {
                 (true, _) => Complex::from_polar(*a_k, other(k)),
             })
             .collect();
+        remarks.extend(without_zeros(&mut values));
         let assumed = self.polar && b.is_none() && a.by == columns::By::Nothing;
         Ok(Response {
             assumed: assumed.then(|| a.name.clone()),
@@ -215,6 +216,22 @@ impl Chosen {
             understood,
         })
     }
+}
+
+/// Takes the value of points at which the response is zero: none is that to the last digit, a reading that was lost is, and a narrow mode would
+/// be told from it. Of a response that is zero throughout there is nothing else to be said.
+fn without_zeros(values: &mut [Complex<f64>]) -> Option<String> {
+    let zeros = values.iter().filter(|h| h.norm() == 0.0).count();
+    if zeros == 0 || zeros == values.len() {
+        return None;
+    }
+    for h in values.iter_mut().filter(|h| h.norm() == 0.0) {
+        *h = Complex::new(f64::NAN, f64::NAN);
+    }
+    Some(format!(
+        "{} at which the response is 0, left out: it was not measured, or is too small to be written",
+        counted(zeros, "point")
+    ))
 }
 
 /// Reads a frequency response and identifies its modes.

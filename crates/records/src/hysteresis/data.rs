@@ -1,5 +1,6 @@
 //! Records that a person brings: columns of a file, read as every other record is.
 
+use super::lost;
 use crate::columns::{self, By, LengthUnit, Named, TIME, Table, Wanted};
 use pigtail_control::compensation::hysteresis::{Invalid, Range, Record};
 use pigtail_hal::Error;
@@ -52,17 +53,20 @@ type Samples = (Vec<f64>, Vec<f64>, Vec<f64>);
 /// Largest share of samples that may be set aside as spikes.
 const SPIKES: f64 = 0.02;
 
+/// Of a voltage's range less than this share is said.
+const LESS: f64 = 0.95;
+
 /// A plateau lies within so many of its noise's standard deviations.
 const PLATEAU: f64 = 8.0;
 
 /// A record of more gaps than this was not taken evenly.
 const FEW_GAPS: usize = 8;
 
-/// Whether a sample of a column is further from its neighbours than any motion of the record goes.
-fn stands_apart(even: &Even, column: usize) -> bool {
+/// Whether a sample of the displacement is further from its neighbours than any motion of the record goes.
+fn stands_apart(even: &Even) -> bool {
     const FAR: f64 = 3.0;
-    let columns = || even.stretches.iter().map(|s| &s.columns[column]);
-    let steps: Vec<f64> = columns()
+    let columns = even.stretches.iter().map(|s| &s.columns[0]);
+    let steps: Vec<f64> = columns
         .flat_map(|c| c.windows(2).map(|w| (w[1] - w[0]).abs()))
         .collect();
     let usual = quantile(&steps, 0.99);
@@ -215,6 +219,7 @@ impl Data {
         };
         let output: Vec<f64> = output.into_iter().map(|x| 1e6 * x).collect();
         self.of_a_piezo(&found, &output)?;
+        self.of_an_amplifier(&found, &input)?;
         self.saturated((&found.output, &output), (&input, 0.02))?;
         // What is held moves on by creep alone.
         self.saturated((&found.input, &input), (&output, 0.1))?;
@@ -239,7 +244,7 @@ impl Data {
         remarks: &mut Vec<String>,
     ) -> Result<Samples, Error> {
         // The tip of a triangle is none.
-        if stands_apart(&even, 0) {
+        if stands_apart(&even) {
             let spikes = outliers::smooth(&mut even, 0);
             if spikes.spikes as f64 > SPIKES * even.samples() as f64 {
                 let message = format!(
@@ -258,18 +263,24 @@ impl Data {
             }
             remarks.extend(spikes.remarks("displacement"));
         }
-        if stands_apart(&even, 1) {
-            let volts = outliers::jumping(&mut even, 1);
-            if volts > 0 {
-                remarks.push(format!(
-                    "{} of the voltage, apart from both neighbours, set aside and bridged",
-                    counted(volts, "single sample")
-                ));
-            }
+        let volts = lost::bridge(&mut even);
+        if volts as f64 > SPIKES * even.samples() as f64 {
+            let message = format!(
+                "{volts} samples stand apart, and the displacement does not go with them; accepted are few"
+            );
+            return Err(self.table.error(&*found.input, message));
+        }
+        if volts > 0 {
+            remarks.push(format!(
+                "{} of the voltage, with which the displacement does not go, set aside and bridged",
+                counted(volts, "sample")
+            ));
         }
         // What a piezo did in a gap nobody knows.
         let all = even.samples();
         let (count, period) = (even.stretches.len(), even.period);
+        let volts = even.stretches.iter().flat_map(|s| &s.columns[1]);
+        let whole = Range::of(&volts.copied().collect::<Vec<f64>>()).width();
         let longest = even
             .stretches
             .into_iter()
@@ -280,6 +291,13 @@ impl Data {
             remarks.push(format!(
                 "only its longest stretch without a gap or a jump was taken, {n} of {all} samples"
             ));
+            let own = Range::of(&longest.columns[1]).width();
+            if own < LESS * whole {
+                remarks.push(format!(
+                    "its voltage goes over {own:.3} V there, {:.0} % of the whole record's: beyond these the model was shown nothing",
+                    100.0 * own / whole
+                ));
+            }
         }
         let time = (0..n).map(|k| longest.start + period * k as f64).collect();
         let mut columns = longest.columns.into_iter();
@@ -301,6 +319,22 @@ impl Data {
             found.output
         );
         Err(self.table.error(&*found.output, message))
+    }
+
+    /// That a voltage is one that drives a piezo: amplifiers end at some thousand volts, and what is less than a millivolt drives none.
+    fn of_an_amplifier(&self, found: &Columns, input: &[f64]) -> Result<(), Error> {
+        /// Volts.
+        const SPANS: std::ops::RangeInclusive<f64> = 1e-3..=5e3;
+        let span = Range::of(input).width();
+        if SPANS.contains(&span) || span <= 0.0 {
+            return Ok(());
+        }
+        let message = format!(
+            "goes over {span:.3e} V, which drives no piezo: is it in another unit? Accepted is a voltage over a millivolt to 5 kV, \
+             its unit as \"{}:UNIT\"",
+            found.input
+        );
+        Err(self.table.error(&*found.input, message))
     }
 
     /// A column that stands at an end of its range while the `other` moves on, by more than a share of its range,

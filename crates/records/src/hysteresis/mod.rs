@@ -1,6 +1,7 @@
 //! Models of a piezo's hysteresis: from a record that a person brings, or from a machine.
 
 mod data;
+mod lost;
 
 pub use data::{Columns, Data, Read};
 
@@ -361,6 +362,19 @@ pub fn fit(record: Record, kind: Kind) -> Result<Tried, Invalid> {
         range,
         record.len() - to,
     );
+    // What a model does not tell of what it was fitted to it knows nothing of, however well it goes with the rest.
+    if document.doubt.is_empty() {
+        let own = &record.output[from..to];
+        let share = |um: f64| 100.0 * um / Range::of(own).width();
+        let doubt = doubt(
+            share(fitted.rms_um),
+            share(fitted.uncompensated_rms_um),
+            share(about_mean(own)),
+        );
+        if !doubt.is_empty() {
+            document.doubt = format!("where it was fitted {doubt}");
+        }
+    }
     document.fitted = Some(fitted);
     document.held_back = Some(held_back);
     doubt_gain(
@@ -396,6 +410,7 @@ pub fn tell(model: &Model, record: Record) -> Tried {
         over.len(),
     );
     document.offset_um = Some(rounded(errors.offset, 1e-6));
+    document.remarks.extend(beyond(model, &record));
     doubt_gain(
         &mut document,
         gains_apart(&prediction, &record.output, &over),
@@ -407,6 +422,20 @@ pub fn tell(model: &Model, record: Record) -> Tried {
         model: model.clone(),
         record,
     }
+}
+
+/// That a voltage goes beyond those that a model was made of, for what it tells there it was never shown.
+fn beyond(model: &Model, record: &Record) -> Option<String> {
+    /// Of the model's range: as much as noise and another amplifier's zero make.
+    const SHARE: f64 = 0.02;
+    let ((own, _), is) = (ranges(model), record.input_range());
+    let room = SHARE * own.width();
+    (is.low < own.low - room || is.high > own.high + room).then(|| {
+        format!(
+            "the voltage goes from {:.3} to {:.3} V, and the model was made of {:.3} to {:.3} V: what it tells beyond it was never shown",
+            is.low, is.high, own.low, own.high
+        )
+    })
 }
 
 /// A path and the voltages for it.

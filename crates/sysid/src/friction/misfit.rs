@@ -2,11 +2,13 @@
 //!
 //! Noise differs from one stroke to the next, and what a law cannot tell comes again wherever the contact is in the same state.
 //! Batches of a record all have the same of it, so that their scatter says nothing of it. What tells the force better is asked
-//! instead: the other laws, and elements of every length, which are any contact that gives way by displacement alone. What both
+//! instead: the other laws, elements of every length, which are any contact that gives way by displacement alone, and all laws behind a
+//! filter that both channels went through. What both
 //! know, how high friction is, over which way it is reached, how stiff the contact is at rest, the law knows no better than the
 //! two agree.
 
 use super::elements::elements;
+use super::filtered::filtered;
 use super::{Fitted, Record, residuals};
 use crate::steady::chi_squared;
 use pigtail_numerics::signal::independent;
@@ -80,7 +82,14 @@ impl Told {
 }
 
 fn of_law(fitted: &Fitted, record: &Record) -> Told {
-    let (law, values) = (fitted.law, &fitted.values);
+    let values = &fitted.values;
+    let left = residuals(fitted.law, values, &record.samples, 0);
+    told(fitted, values, left, 0)
+}
+
+/// What a law says with other values, and `more` parameters.
+fn told(fitted: &Fitted, values: &[f64], left: Vec<f64>, more: usize) -> Told {
+    let law = fitted.law;
     Told {
         sides: law.sides(values),
         ways: law.ways(values),
@@ -91,8 +100,8 @@ fn of_law(fitted: &Fitted, record: &Record) -> Told {
         },
         slips: None,
         stiffness: law.stiffness(values),
-        left: residuals(law, values, &record.samples, 0),
-        used: fitted.known.iter().filter(|k| k.std.is_finite()).count(),
+        left,
+        used: fitted.known.iter().filter(|k| k.std.is_finite()).count() + more,
     }
 }
 
@@ -113,8 +122,21 @@ pub(super) fn allow(laws: &mut [Fitted], record: &Record) {
             used: e.used,
         })
         .collect();
+    // A filter is there where no contact without one tells the force as well: a law that is wrong anyway is wrong behind a filter, too.
+    let without = |behind: &Told| told.iter().chain(&every).all(|t| behind.beats(t));
+    let filtered: Vec<Told> = laws
+        .iter()
+        .zip(filtered(laws, record))
+        .filter_map(|(law, found)| found.map(|f| self::told(law, &f.values, f.left, 1)))
+        .filter(without)
+        .collect();
     for (fitted, own) in laws.iter_mut().zip(&told) {
-        let rivals: Vec<&Told> = told.iter().chain(&every).filter(|t| t.beats(own)).collect();
+        let rivals: Vec<&Told> = told
+            .iter()
+            .chain(&every)
+            .chain(&filtered)
+            .filter(|t| t.beats(own))
+            .collect();
         let least = rivals
             .iter()
             .filter(|rival| rival.surely_beats(own))

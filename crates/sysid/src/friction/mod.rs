@@ -7,6 +7,7 @@ mod bristle;
 mod changes;
 mod check;
 mod elements;
+mod filtered;
 mod fit;
 mod law;
 mod misfit;

@@ -15,6 +15,7 @@
 //! Where there is no phase, the least one that goes with the magnitude is taken (`magnitude.rs`).
 
 mod alike;
+mod averaged;
 mod magnitude;
 mod record;
 mod rows;
@@ -94,11 +95,16 @@ fn stated_modes(
 ) -> (Vec<(&'static str, Known)>, Vec<Unknown>) {
     let mut order: Vec<usize> = (0..record.modes(model.0)).collect();
     let misfit = alike::misfit(record, left, &coded[..2 * order.len()]);
+    // Of a phase that was made from magnitudes nothing is told.
+    let averaged = sides.map_or_else(
+        || vec![0.0; coded.len()],
+        |_| averaged::open(record, model.0, model.1),
+    );
     order.sort_by(|a, b| coded[2 * a].total_cmp(&coded[2 * b]));
     let mut parameters = Vec::new();
     let mut unknown = Vec::new();
     for (names, k) in NAMES.iter().zip(&order) {
-        let off = |j: usize| sides.map_or(0.0, |s| s[j].off());
+        let off = |j: usize| sides.map_or(0.0, |s| s[j].off()).hypot(averaged[j]);
         let scaled = |j: usize, size: f64, open: f64| Known {
             value: coded[j].exp() * size,
             std: coded[j].exp() * size * solution.std[j],

@@ -142,13 +142,7 @@ fn without_runs<'r>(
     let Some((_, after)) = left(&of_these) else {
         return nothing();
     };
-    let (mut less, mut squares) = (0.0, 0.0);
-    for (a, b) in before.iter().zip(&after) {
-        let by = a * a - b * b;
-        less += by;
-        squares += by * by;
-    }
-    if less <= SURE * squares.sqrt() {
+    if !surely_less(&before, &after) {
         return nothing();
     }
     let times = runs.iter().map(Vec::len).sum::<usize>();
@@ -333,13 +327,7 @@ fn without<'r>(
     let Some((before, after)) = left(record).zip(left(&mended)) else {
         return Ok(Cow::Borrowed(record));
     };
-    let (mut less, mut squares) = (0.0, 0.0);
-    for (a, b) in before.iter().zip(&after) {
-        let by = a * a - b * b;
-        less += by;
-        squares += by * by;
-    }
-    if less <= SURE * squares.sqrt() {
+    if !surely_less(&before, &after) {
         return Ok(Cow::Borrowed(record));
     }
     if share > MANY {
@@ -356,6 +344,17 @@ fn without<'r>(
         100.0 * share
     ));
     Ok(Cow::Owned(mended))
+}
+
+/// Whether equations leave less after than before, beyond what chance makes of them.
+fn surely_less(before: &[f64], after: &[f64]) -> bool {
+    let (mut less, mut squares) = (0.0, 0.0);
+    for (a, b) in before.iter().zip(after) {
+        let by = a * a - b * b;
+        less += by;
+        squares += by * by;
+    }
+    less > SURE * squares.sqrt()
 }
 
 fn left(columns: &Equations) -> Option<Vec<f64>> {

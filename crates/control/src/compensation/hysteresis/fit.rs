@@ -51,7 +51,7 @@ pub fn fit_memory(
     lag: Option<f64>,
     creep: Creep,
 ) -> Result<Memory, Invalid> {
-    let lag = lag.unwrap_or_else(|| best_lag(record, to, 10.0 * record.period(), creep));
+    let lag = lag.unwrap_or_else(|| best_lag(record, to, creep));
     let mut best: Option<(f64, Memory)> = None;
     for degree in 1..=DEGREE {
         let Ok((_, model)) = solve(record, to, degree, lag, creep, ROUNDS) else {
@@ -87,14 +87,35 @@ pub fn fit_memory(
     })
 }
 
-/// The lag up to `longest` that fits best, by golden section. A curve that leans is enough to
+/// The lag up to ten samples that fits best, by golden section. A curve that leans is enough to
 /// find it, and creep changes nothing about it.
-fn best_lag(record: &Record, to: usize, longest: f64, creep: Creep) -> f64 {
-    /// A hundredth of a sample.
+///
+/// Beyond half a way a motion to and fro comes back to where it was: what a lag leaves has more than one least, and none where displacement
+/// falls with the voltage that much later. Lags up to a way are tried there before.
+fn best_lag(record: &Record, to: usize, creep: Creep) -> f64 {
+    /// Sample periods.
+    const PERIODS: f64 = 10.0;
+    /// Of the longest lag: a hundredth of a sample.
     const ACCURATE: f64 = 1e-3;
-    least((0.0, longest), ACCURATE * longest, |lag| {
-        solve(record, to, 2, lag, creep, 1).map_or(f64::INFINITY, |(error, _)| error)
-    })
+    const TRIED: usize = 8;
+    let samples = PERIODS * record.period();
+    let left =
+        |lag: f64| solve(record, to, 2, lag, creep, 1).map_or(f64::INFINITY, |(error, _)| error);
+    let way = record.way().unwrap_or(f64::INFINITY);
+    if samples <= 0.5 * way {
+        return least((0.0, samples), ACCURATE * samples, left);
+    }
+    let longest = samples.min(way);
+    let step = longest / TRIED as f64;
+    let near = (0..=TRIED)
+        .map(|k| step * k as f64)
+        .min_by(|a, b| left(*a).total_cmp(&left(*b)))
+        .unwrap_or(0.0);
+    least(
+        ((near - step).max(0.0), near + step),
+        ACCURATE * longest,
+        left,
+    )
 }
 
 /// Rounds in which creep follows what the round before found.

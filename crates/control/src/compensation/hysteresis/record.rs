@@ -173,6 +173,21 @@ impl Record {
         )
     }
 
+    /// How long the input goes one way, seconds, by the median of ways that are no noise: there and back it goes by a tenth of its range at
+    /// least. None where it hardly turns.
+    pub(super) fn way(&self) -> Option<f64> {
+        const WAY: f64 = 0.1;
+        let turns = turns(&self.input, WAY * self.input_range().width());
+        // Before the first turn and after the last one a way is not whole.
+        let whole = turns.get(1..turns.len().saturating_sub(1))?;
+        let mut ways: Vec<f64> = whole
+            .windows(2)
+            .map(|w| self.time[w[1]] - self.time[w[0]])
+            .collect();
+        ways.sort_by(f64::total_cmp);
+        ways.get(ways.len() / 2).copied()
+    }
+
     /// Sampling period by the median, seconds.
     pub fn period(&self) -> f64 {
         let mut steps: Vec<f64> = self.time.windows(2).map(|w| w[1] - w[0]).collect();
