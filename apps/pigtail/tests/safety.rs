@@ -251,7 +251,7 @@ fn an_encoder_that_sticks_on_the_way_drives_nothing_into_the_chip() {
         ("78001490", "encoder-stuck:left.z@2.909s"),
         ("78003298", "encoder-stuck:left.z@1.81s"),
         // Within 77 um of a port's light, where the guard takes a fiber to be in it: the output went on while its motor stood.
-        ("79002786", "encoder-stuck:right.a@2.135s"),
+        ("79002786", "encoder-stuck:right.a@2.11s"),
     ] {
         let drawn = ["--fleet", "workshop", "--seed", seed, "--fault", fault];
         let arguments = [&["align", "--json", "--no-record"][..], &drawn].concat();

@@ -543,6 +543,12 @@ pub fn understood(
             unit => format!("in {unit}"),
         };
         let _ = write!(text, "; {role} is {} {unit}{by}", column.name);
+        // Whoever says how many rows a second there are overrules a column of time, and is told so.
+        if column.name == ROWS
+            && let Some(time) = usual(table)
+        {
+            let _ = write!(text, ", not its column {}", time.name());
+        }
     }
     if let Some(even) = even {
         let samples = even.samples();
@@ -608,6 +614,24 @@ mod tests {
             of,
         };
         Ok(read(&Table::open(&path)?, &[wanted])?.remove(0))
+    }
+
+    #[test]
+    fn a_column_of_time_that_is_not_used_is_said() {
+        let (_folder, path) = file("t_s,x\n0,1\n0.001,2\n");
+        let table = Table::open(&path).unwrap();
+        let time = time_named(&table, None, Some(200.0)).unwrap();
+        let wanted = [Wanted {
+            option: "--time",
+            named: &time,
+            of: &[TIME],
+        }];
+        let columns = read(&table, &wanted).unwrap();
+        let said = understood(&table, &wanted, &columns, None);
+        assert!(
+            said.contains("time is rows in s, not its column t_s"),
+            "{said}"
+        );
     }
 
     #[test]

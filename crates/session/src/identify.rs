@@ -205,6 +205,19 @@ impl Models {
         self.reversal.model.maximum > SEEN * self.memory.residual
     }
 
+    /// The same, if there is; so many micrometres at the output are a radian.
+    fn if_it_winds(self, at: AxisName, um: f64) -> Result<Self, Outcome> {
+        if self.winds() {
+            return Ok(self);
+        }
+        let [w_max, left] =
+            [self.reversal.model.maximum, self.memory.residual].map(|angle| um * angle);
+        let why = format!(
+            "{at} shows no windup to compensate: {w_max:.2} um (`W_max`), and a model leaves {left:.2} um, rms"
+        );
+        Err(Outcome::BenchFailed { why })
+    }
+
     /// Scans an axis, and fits both models.
     fn of(
         station: &mut Station,
@@ -277,20 +290,11 @@ pub fn windup(
     let scale = scale(rig, at.axis)?;
     let um = 1e6 * scale.metres_per_radian;
     let (range, speed) = range_and_speed(at.axis, &scale);
-    let found = Models::of(station, at, &scale, (range, speed))?;
-    if !found.winds() {
-        let [w_max, residual] =
-            [found.reversal.model.maximum, found.memory.residual].map(|angle| um * angle);
-        let why = format!(
-            "{at} shows no windup to compensate: {w_max:.2} um (`W_max`), and a model leaves {residual:.2} um, rms"
-        );
-        return Err(Outcome::BenchFailed { why }.into());
-    }
     let Models {
         record,
         reversal,
         memory,
-    } = found;
+    } = Models::of(station, at, &scale, (range, speed))?.if_it_winds(at, um)?;
     let tried_models = [
         Windup::None,
         Windup::Reversal(reversal.model),
