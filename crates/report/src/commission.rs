@@ -271,7 +271,7 @@ const fn named(key: &'static str, names: &'static [&'static str], scale: f64) ->
 }
 
 /// The keys that steps have.
-const NAMES: [Named; 57] = [
+const NAMES: [Named; 59] = [
     named("forward_V", &["moves at\nV"], 1.0),
     named("backward_V", &["back at\nV"], 1.0),
     named("way_counts", &["went\ncounts", "back\ncounts"], 1.0),
@@ -307,11 +307,13 @@ const NAMES: [Named; 57] = [
     named("settled", &["comes to rest"], 1.0),
     named("swings", &["to and fro\ntimes"], 1.0),
     named("specified_met", &["as specified"], 1.0),
+    named("speed_mm_s", &["led at no more than\nmm/s"], 1.0),
     named("w_max_um", &["windup\num"], 1.0),
     named("q_um", &["curvature q\num"], 1.0),
     named("residual_um", &["left of it\num"], 1.0),
     named("gap_without_um", &["gap without model\num"], 1.0),
     named("gap_with_um", &["gap with it\num"], 1.0),
+    named("winds_up", &["winds up"], 1.0),
     named("home_x_um", &["home in x\num", "±\num"], 1.0),
     named("home_z_um", &["home in z\num", "±\num"], 1.0),
     named("yaw_deg", &["yaw\ndegrees", "±\ndegrees"], 1.0),
