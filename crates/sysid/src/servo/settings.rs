@@ -18,12 +18,12 @@ pub struct Settings {
     pub decimate: Option<usize>,
     /// The controller, where it is known.
     pub controller: Option<Controller>,
-    /// Whether equations are left out at either end of a stretch, where filters still settle: [`identify`] tells from the
+    /// Whether equations are left out at either end of a stretch, where filters still settle: [`identify`](super::identify) tells from the
     /// record.
     pub settle: bool,
-    /// What goes with the place and is taken out of the force: [`identify`] tells from the record.
+    /// What goes with the place and is taken out of the force: [`identify`](super::identify) tells from the record.
     pub place: Option<Place>,
-    /// Whether voltage and position are of the moments of their rows, no skew having been taken out: [`identify`] tells from the
+    /// Whether voltage and position are of the moments of their rows, no skew having been taken out: [`identify`](super::identify) tells from the
     /// record.
     pub as_stamped: bool,
 }
