@@ -399,6 +399,18 @@ impl Bench<'_, '_> {
         Ok(())
     }
 
+    /// Believes nothing of a table from now on.
+    fn disbelieve(&mut self, table: String) -> Result<(), NotDone> {
+        let mut belief = self.belief.clone();
+        let rig = (belief.remove(&table)).and_then(|()| self.setup.rig.with_belief(&belief));
+        self.setup.rig = rig.map_err(NotDone::Unbelievable)?;
+        self.belief = belief;
+        if !self.tables.contains(&table) {
+            self.tables.push(table);
+        }
+        Ok(())
+    }
+
     /// Believes what may not last.
     fn try_out(&mut self, change: &Change) -> Result<(), NotDone> {
         let mut belief = self.belief.clone();

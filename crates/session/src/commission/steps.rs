@@ -113,7 +113,16 @@ impl Bench<'_, '_> {
             );
             let factor = without / with;
             if !measured.winds() {
-                // A joint that rubs so little needs no model.
+                // A joint that rubs so little needs no model, and none that was believed of it or of its kind: all others have their own.
+                self.disbelieve("windup.five_bar".to_owned())?;
+                self.disbelieve(format!("windup.{at}"))?;
+                // One whose output goes ahead of its motor is no joint: something is not as the datasheet has it.
+                if w_max < -residual && why.is_empty() {
+                    why = format!(
+                        "{at}: its output goes ahead of its motor by {:.1} um where it turns; is its probe where the datasheet has it?",
+                        -w_max
+                    );
+                }
                 continue;
             }
             if factor < LEAST_FACTOR {
@@ -212,12 +221,7 @@ impl Bench<'_, '_> {
     /// Where no model is wanted: none is believed, of those that were either.
     fn no_piezos(&mut self) -> Result<Found, NotDone> {
         for side in Side::ALL {
-            let mut belief = self.belief.clone();
-            let table = format!("hysteresis.{}", side.name());
-            let rig = (belief.remove(&table)).and_then(|()| self.setup.rig.with_belief(&belief));
-            self.setup.rig = rig.map_err(NotDone::Unbelievable)?;
-            self.belief = belief;
-            self.tables.push(table);
+            self.disbelieve(format!("hysteresis.{}", side.name()))?;
         }
         let values = Map::from_iter([("model".to_owned(), json!(PiezoModel::None.to_string()))]);
         let why = String::new();
