@@ -42,6 +42,7 @@ fn report(port: &'static str, outcome: Outcome) -> FiberReport {
         spread: None,
         spot: None,
         strokes: None,
+        gains: Vec::new(),
         place: None,
         phases: Vec::new(),
     }

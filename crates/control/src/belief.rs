@@ -124,6 +124,17 @@ impl Across {
     }
 }
 
+/// How well the place of a peak is known, twice: a fiber is attached by what its errors may be, and what is said of it is what they are
+/// expected to be. Where few samples tell how large an error is, the former takes the larger ones that they admit and a bound as it
+/// stands: of a sum of such parts a probability of 1e-4 is none that is too small, and an interval of one half holds more than a half.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Known {
+    /// At most so badly: by it is decided.
+    pub at_most: Across,
+    /// As badly as it is expected: by it is told.
+    pub expected: Across,
+}
+
 /// Where an attached fiber is believed to be, from its peak and from the gap that was wanted.
 ///
 /// In every direction there is a normal error, and one anywhere within a bound beside it: across, from the peak.

@@ -11,6 +11,7 @@ mod around;
 mod centring;
 mod closing;
 mod follows;
+mod known;
 mod last;
 mod piezos;
 mod steps;
@@ -136,6 +137,8 @@ pub struct ConicalScan<'r> {
     /// Variance of a turn's peak beyond what the photodiode's noise makes of it, in x and in y, square metres: a tip that shakes
     /// moves it on a circle of any radius alike.
     unrest: [f64; 2],
+    /// The same as the last turns have shown it, which chance may make less than none; and by how many degrees of freedom.
+    scatter: ([f64; 2], f64),
     /// By how much the light itself differs from one turn to the next, of its own.
     flicker: Flicker,
     /// How well the peak is to be known, metres.
@@ -195,6 +198,7 @@ impl<'r> ConicalScan<'r> {
             drift: Displacement::ZERO,
             surely: Displacement::ZERO,
             unrest: [0.0; 2],
+            scatter: ([0.0; 2], 0.0),
             flicker: Flicker::default(),
             wanted: f64::INFINITY,
             rise: None,

@@ -10,7 +10,7 @@ use crate::recipe::Recipe;
 use crate::shaking::{Measured, Shaking};
 use crate::station::Level;
 use pigtail_hal::spec::{MICRO_AXES, OUTPUTS};
-use pigtail_hal::{Channel, Fault, Side};
+use pigtail_hal::{AxisName, Channel, Fault, Side};
 use pigtail_model::frames::{Chip, Displacement, Point};
 
 /// How one fiber's alignment went.
@@ -32,6 +32,8 @@ pub struct FiberReport {
     pub spot: Option<SpotSize>,
     /// How many times as far as its calibration says each piezo of its micro goes, where light has taught that and it was made use of.
     pub strokes: Option<[f64; MICRO_AXES]>,
+    /// Axes that have swung at rest under their gains until then, and how many times as large as its calibration says these are since.
+    pub gains: Vec<(AxisName, f64)>,
     /// Where it is believed to be, where it was attached and that is known.
     pub place: Option<Place>,
     /// Its phases in order, seconds of machine time each.
@@ -71,6 +73,8 @@ pub(crate) struct Job<'r> {
     pub(crate) spot: Option<SpotSize>,
     /// How many times as far as believed each piezo of its micro goes, where that was learned and made use of.
     pub(crate) strokes: Option<[f64; MICRO_AXES]>,
+    /// Axes that have swung at rest, and what is left of their gains.
+    pub(crate) gains: Vec<(AxisName, f64)>,
     /// By how much its light differs from one turn of a circle to the next by itself, of its own, as far as circles have told.
     pub(crate) flicker: f64,
     /// Where it is believed to be.
@@ -173,6 +177,7 @@ impl<'r> Job<'r> {
             spread: None,
             spot: None,
             strokes: None,
+            gains: Vec::new(),
             flicker: 0.0,
             place: None,
             holds: false,
@@ -197,6 +202,7 @@ impl<'r> Job<'r> {
             spread: self.spread,
             spot: self.spot,
             strokes: self.strokes,
+            gains: std::mem::take(&mut self.gains),
             place: self.place.take(),
             phases: std::mem::take(&mut self.phases),
         }

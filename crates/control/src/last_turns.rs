@@ -1,7 +1,7 @@
 //! The last turns at the chip, on any bench, until the light says that a fiber may be attached.
 
 use crate::beam::{Beam, Peak};
-use crate::belief::Across;
+use crate::belief::{Across, Known};
 use crate::conical_scan::ConicalScan;
 use crate::job::Job;
 use crate::last_tries::LastTries;
@@ -71,7 +71,7 @@ pub(crate) struct Rest {
     pub(crate) look: Level,
     /// What circles have foreseen it to be.
     pub(crate) foreseen: Foreseen,
-    /// How well it is known where the fiber will be across.
+    /// How well it is expected to be known where the fiber will be across.
     pub(crate) across: Across,
 }
 
@@ -122,10 +122,10 @@ pub(crate) async fn last_turns(
                     && (tries.is_last() || !elsewhere && !scan.misjudges_width()) =>
             {
                 let aside = recipe.accept.aside;
-                match scan.shaking().is_sure(aside, known) {
+                match scan.shaking().is_sure(aside, known.at_most) {
                     Err(_)
                         if ripples < TUNING.rise.often
-                            && scan.shaking().is_for_askew(aside, known) =>
+                            && scan.shaking().is_for_askew(aside, known.at_most) =>
                     {
                         ripple = chip.ripple(scan).await?;
                         ripples += 1;
@@ -133,7 +133,9 @@ pub(crate) async fn last_turns(
                         continue;
                     }
                     Err(unsure) => {
-                        tries.learn(bench, scan, gap, (aside, known)).await?;
+                        tries
+                            .learn(bench, scan, gap, (aside, known.at_most))
+                            .await?;
                         unsure
                     }
                     Ok(()) if tries.watched < wanted => {
@@ -191,7 +193,7 @@ async fn rests(
     bench: &Reactor<'_>,
     check: LightCheck,
     scan: &ConicalScan<'_>,
-    (foreseen, known): (Foreseen, Across),
+    (foreseen, known): (Foreseen, Known),
 ) -> Result<Result<Rest, Outcome>, Halt> {
     job.flicker = scan.flicker().deviation();
     let wanders = job.flicker * foreseen.level;
@@ -214,6 +216,6 @@ async fn rests(
     Ok(Ok(Rest {
         look,
         foreseen,
-        across: scan.shaking().bonded(known),
+        across: scan.shaking().bonded(known.expected),
     }))
 }

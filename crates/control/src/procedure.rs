@@ -34,8 +34,14 @@ pub fn thesis(station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
 pub(crate) async fn each_fiber<'r>(
     cell: &AlignmentCell<'_>,
     recipe: &'r Recipe,
-    align: impl AsyncFnMut(&mut Job<'r>) -> Result<(), Halt>,
+    mut align: impl AsyncFnMut(&mut Job<'r>) -> Result<(), Halt>,
 ) -> Vec<FiberReport> {
+    let align = async |job: &mut Job<'r>| {
+        let end = align(job).await;
+        let gains = cell.voltage(|machine| machine.gentler_gains());
+        job.gains = gains.unwrap_or_default();
+        end
+    };
     run_all(recipe, align, async |job| job.put_back(cell).await).await
 }
 

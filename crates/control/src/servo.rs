@@ -1,6 +1,7 @@
 //! The PID controller of a motor axis, (2.14) and (2.15).
 
 use crate::calibration::AxisGains;
+use crate::tuning::TUNING;
 use pigtail_hal::quantity::{Counts, Volts};
 
 /// A discrete PID with a clamped integral and a saturated output.
@@ -14,10 +15,12 @@ pub struct Pid {
     voltage: f64,
     /// Cycles for which the reference stands still before the integral does, within [`HELD`].
     hold: u32,
+    /// Whether an axis that swings at rest is held by gentler gains.
+    gentle: bool,
 }
 
 /// What a [`Pid`] remembers.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PidState {
     /// Integral of the error, count s.
     integral: f64,
@@ -25,6 +28,61 @@ pub struct PidState {
     last: Option<f64>,
     /// The reference of the cycle before, and for how many cycles it has stood there.
     stands: (Counts, u32),
+    /// On which side of its reference the axis was last that stood there, and how often it has gone to the other.
+    swings: (i64, u32),
+    /// How many times as large as they were found all gains are.
+    share: f64,
+}
+
+impl Default for PidState {
+    fn default() -> Self {
+        Self {
+            integral: 0.0,
+            last: None,
+            stands: (Counts(0), 0),
+            swings: (0, 0),
+            share: 1.0,
+        }
+    }
+}
+
+impl PidState {
+    /// What is left where the loop was open meanwhile: the gains that the axis has been seen to bear.
+    #[must_use]
+    pub fn afresh(&self) -> Self {
+        Self {
+            share: self.share,
+            ..Self::default()
+        }
+    }
+
+    /// How many times as large as they were found all gains are, since the axis swung at rest under them.
+    pub fn share(&self) -> f64 {
+        self.share
+    }
+
+    /// An axis that has come to rest lies within friction of its reference. One that goes to and fro about it, and goes on with that, has
+    /// a loop that is not stable: under another load, with less friction or with more delay than that for which its gains were found. All of them
+    /// are made less then, here and at once, for whoever comes near to a chip with such an axis touches it. `counts` is its error, for
+    /// `still` cycles since its reference has moved.
+    #[inline]
+    fn watch_rest(&mut self, counts: i64, still: u32) {
+        if still == 0 {
+            self.swings = (0, 0);
+        } else if counts.abs() >= i64::from(TUNING.swing.beyond) {
+            self.add_swing(counts.signum());
+        }
+    }
+
+    /// It is on this side of its reference now.
+    fn add_swing(&mut self, side: i64) {
+        let (before, times) = self.swings;
+        self.swings = (side, if side == -before { times + 1 } else { times });
+        if self.swings.1 >= TUNING.swing.often && self.share > TUNING.swing.least {
+            self.share *= TUNING.swing.gentler;
+            self.swings = (side, 0);
+        }
+    }
 }
 
 /// An axis at rest is held no nearer than this, counts. Nearer it could only be brought by an integral that breaks friction,
@@ -48,6 +106,17 @@ impl Pid {
             integral_bound,
             voltage,
             hold: u32::MAX,
+            gentle: false,
+        }
+    }
+
+    /// The same controller, which makes all its gains less where the axis swings at rest under them: for work, and not where it is to be seen how
+    /// an axis answers to gains.
+    #[must_use]
+    pub fn gentle(self) -> Self {
+        Self {
+            gentle: true,
+            ..self
         }
     }
 
@@ -66,8 +135,10 @@ impl Pid {
     /// ```text
     /// e = reference - measured
     /// I = clamp(I + e T)                          unless the axis is held
-    /// u = clamp(kp e + ki I + kd (e - e_last)/T)
+    /// u = clamp(s (kp e + ki I + kd (e - e_last)/T))
     /// ```
+    ///
+    /// `s` is one, and less where the axis has been seen to swing at rest.
     #[inline(always)]
     #[expect(
         clippy::inline_always,
@@ -83,6 +154,9 @@ impl Pid {
             0
         };
         state.stands = (reference, still);
+        if self.gentle {
+            state.watch_rest(counts, still);
+        }
         if still < self.hold || counts.abs() > HELD {
             state.integral = (state.integral + error * self.period)
                 .clamp(-self.integral_bound, self.integral_bound);
@@ -90,6 +164,7 @@ impl Pid {
         let rate = state.last.map_or(0.0, |last| (error - last) / self.period);
         state.last = Some(error);
         let voltage = self.kp * error + self.ki * state.integral + self.kd * rate;
+        let voltage = state.share * voltage;
         Volts(voltage.clamp(-self.voltage, self.voltage))
     }
 }
@@ -144,6 +219,37 @@ mod tests {
             .map(|reference| at(reference - 1, reference))
             .collect();
         assert!(moving.is_sorted() && moving[0] < moving[3]);
+    }
+
+    #[test]
+    fn an_axis_that_swings_at_rest_is_held_by_gentler_gains() {
+        // A mass without friction whose encoder is late, which gathers so many counts a second squared from a volt.
+        let rest = |gain: f64, gentle: bool| {
+            let pid = Pid::new(&gains(0.4, 0.0, 2.5e-3), 12.0, 4e-4);
+            let pid = if gentle { pid.gentle() } else { pid };
+            let mut state = PidState::default();
+            let (mut at, mut speed, mut late) = (40.0_f64, 0.0, [40; 4]);
+            let mut farthest = 0;
+            for cycle in 0..6000 {
+                let Volts(volts) = pid.voltage(&mut state, Counts(0), Counts(late[0]));
+                speed += 4e-4 * gain * volts;
+                at += 4e-4 * speed;
+                late.rotate_left(1);
+                late[3] = at.round() as i64;
+                if cycle > 5000 {
+                    farthest = farthest.max(late[3].abs());
+                }
+            }
+            (state.share(), farthest)
+        };
+        assert_eq!(rest(2e5, true), (1.0, 0));
+        let (_, farthest) = rest(5e5, false);
+        assert!(farthest > 4, "{farthest}");
+        let (share, farthest) = rest(5e5, true);
+        assert!(
+            (0.3..1.0).contains(&share) && farthest <= 2,
+            "{share} {farthest}"
+        );
     }
 
     #[test]

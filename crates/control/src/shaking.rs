@@ -128,6 +128,17 @@ pub struct Scatter {
     pub degrees: f64,
 }
 
+/// What is slower than a turn, in x and in y.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Slow {
+    /// Variance from turn to turn beyond what the photodiode's noise makes of it, square metres; by chance it may be less than none.
+    beyond: [f64; 2],
+    /// What of that chance has not made.
+    surely: [f64; 2],
+    /// Degrees of freedom.
+    degrees: f64,
+}
+
 /// Variance of a tip's place along an axis, as it has been seen so far.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shaking {
@@ -139,7 +150,7 @@ pub struct Shaking {
     small: Turns,
     /// Of what is slower: variance from turn to turn beyond what the photodiode makes of it, and its degrees of
     /// freedom; of the last turns, in x and in y.
-    slow: ([f64; 2], f64),
+    slow: Slow,
     /// By how many degrees of freedom the photodiode's noise is known.
     still_degrees: f64,
     /// Whether it was looked at on its own, with the circle's middle held: the turns are means then, each over as long as a
@@ -158,7 +169,7 @@ impl Shaking {
             measured,
             wide: Turns::default(),
             small: Turns::default(),
-            slow: ([0.0; 2], 0.0),
+            slow: Slow::default(),
             still_degrees: f64::INFINITY,
             watched: false,
             samples: Turns::default(),
@@ -225,15 +236,20 @@ impl Shaking {
     /// (square metres), by so many degrees of freedom. What chance may have made of the noise is none of it: a few
     /// turns say little.
     pub fn set_slow(&mut self, variance: [f64; 2], noise: [f64; 2], degrees: f64) {
-        let more = [0, 1].map(|i| {
-            let most = noise[i] * (1.0 + TUNING.shaking.noise_chance * (2.0 / degrees).sqrt());
-            if variance[i] > most {
-                variance[i] - noise[i]
+        let chance = TUNING.shaking.noise_chance * (2.0 / degrees).sqrt();
+        let beyond = [0, 1].map(|i| variance[i] - noise[i]);
+        let surely = [0, 1].map(|i| {
+            if beyond[i] > chance * noise[i] {
+                beyond[i]
             } else {
                 0.0
             }
         });
-        self.slow = (more, degrees);
+        self.slow = Slow {
+            beyond,
+            surely,
+            degrees,
+        };
     }
 
     /// Both, put together with what was seen by another circle: what was watched says more than what was not.
@@ -250,7 +266,7 @@ impl Shaking {
             (false, false) => Self {
                 wide: sum(self.wide, other.wide),
                 small: sum(self.small, other.small),
-                slow: if other.slow.1 > 0.0 {
+                slow: if other.slow.degrees > 0.0 {
                     other.slow
                 } else {
                     self.slow
@@ -270,17 +286,38 @@ impl Shaking {
     /// Variance from turn to turn in x and in y, square metres, beside what is left of means over as long as a bond takes. These hold what is slower than a
     /// turn, for a bond takes less: of a tip that was measured only what is more than that counts.
     fn slow(&self) -> [f64; 2] {
-        let (variance, degrees) = self.slow;
-        let foreseen = self.measured.unwrap_or(USUAL).left_of_means();
-        variance.map(|variance| {
-            let believed = (variance * degrees + foreseen * TUNING.shaking.worth_slow)
-                / (degrees + TUNING.shaking.worth_slow);
-            if self.measured.is_some() {
-                (believed - foreseen).max(0.0)
-            } else {
-                believed
-            }
-        })
+        self.slow.surely.map(|seen| self.slower(seen).max(0.0))
+    }
+
+    /// The same as it is expected: beside means that were measured it may be less than none, for these are no better known than that.
+    fn expected_slow(&self) -> [f64; 2] {
+        if self.watched {
+            return [0.0; 2];
+        }
+        self.slow.beyond.map(|seen| self.slower(seen))
+    }
+
+    /// Variance from turn to turn that was `seen`, put together with what was foreseen, beside what is left of means that were measured.
+    fn slower(&self, seen: f64) -> f64 {
+        let foreseen = self.foreseen();
+        let believed = shrunk(seen, self.slow.degrees, foreseen);
+        if self.measured.is_some() {
+            believed - foreseen
+        } else {
+            believed
+        }
+    }
+
+    /// Variance of a mean over as long as a bond takes, as it was measured or is usual, square metres.
+    fn foreseen(&self) -> f64 {
+        self.measured.unwrap_or(USUAL).left_of_means()
+    }
+
+    /// Variance of a turn's peak beyond what the photodiode's noise makes of it, as it is expected in x and in y, square metres: `seen` by so
+    /// many degrees of freedom, and foreseen as `bonds` means over as long as a bond takes, which scatter without order.
+    pub fn of_turns(&self, (seen, degrees): ([f64; 2], f64), bonds: f64) -> [f64; 2] {
+        let foreseen = self.foreseen() / bonds.max(1.0);
+        seen.map(|seen| shrunk(seen, degrees, foreseen).max(0.0))
     }
 
     /// Variance of a mean over as long as a bond takes that was measured of the tip before, square metres; none where it was not.
@@ -466,13 +503,14 @@ impl Shaking {
         outside(known.on_square_stages()) < TUNING.rise.less * outside(known)
     }
 
-    /// How well it is known along an axis where a tip, of which the place is `known` so well, is while its bond sets.
+    /// How well it is expected to be known along an axis where a tip, of which the place is `known` so well, is while its bond sets.
     pub fn bonded(&self, known: Across) -> Across {
         let left = self.left();
         let fast: f64 = self.believed().iter().map(|(v, share)| v * share).sum();
         let (all, place) = self.widened(known);
-        let slow = self.slow();
-        let sigma = [0, 1].map(|i| (left * fast + slow[i] + place.sigma[i].powi(2)).sqrt());
+        let slow = self.expected_slow();
+        let shakes = slow.map(|slow| (left * fast + slow).max(0.0));
+        let sigma = [0, 1].map(|i| (shakes[i] + place.sigma[i].powi(2)).sqrt());
         Across { sigma, ..place }.times(all)
     }
 
@@ -488,6 +526,12 @@ impl Shaking {
         let probability = self.outside(tolerance, known);
         known.is_within((tolerance, probability), self.deviation())
     }
+}
+
+/// A variance that was `seen` by so many degrees of freedom, and one that was foreseen, which is worth some.
+fn shrunk(seen: f64, degrees: f64, foreseen: f64) -> f64 {
+    let worth = TUNING.shaking.worth_slow;
+    (seen * degrees + foreseen * worth) / (degrees + worth)
 }
 
 /// How many times the noise's variance that it was seen to be by so many degrees of freedom it may be, and how likely

@@ -13,12 +13,14 @@
 //! assert!(last.numbers.iter().any(|number| number.key == "misfit"));
 //! ```
 
+mod axes;
 mod bonds;
 mod circles;
 mod gaps;
 mod search;
 mod taught;
 
+pub use axes::AxisSwing;
 pub use bonds::{Bond, Hold};
 pub use circles::{Ahead, Answer, Circle, LastTurns, MicroDynamics, TipShaking, WatchedLight};
 pub use gaps::{Gap, LightBeam, LightRise, Piezos, SpotWidth, Vision};
@@ -159,6 +161,8 @@ use topic;
 /// All of them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tuning {
+    /// Axes that swing at rest.
+    pub swing: AxisSwing,
     /// Circles.
     pub circle: Circle,
     /// Where the peaks of turns lead.
@@ -209,6 +213,7 @@ pub struct Tuning {
 
 /// What is used.
 pub const TUNING: Tuning = Tuning {
+    swing: AxisSwing::USED,
     circle: Circle::USED,
     ahead: Ahead::USED,
     last: LastTurns::USED,
@@ -237,6 +242,7 @@ pub const TUNING: Tuning = Tuning {
 /// All of them as people are shown them, in the order of [`Tuning`].
 pub fn topics() -> Vec<Topic> {
     vec![
+        AxisSwing::topic(),
         Circle::topic(),
         Ahead::topic(),
         LastTurns::topic(),

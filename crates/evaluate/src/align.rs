@@ -17,6 +17,7 @@ use pigtail_twin::faults::Injection;
 use pigtail_twin::{FiberTruth, Specimen, Truth, Twin};
 use serde::Serialize;
 use std::cell::Cell;
+use std::collections::BTreeMap;
 
 /// Tolerance of an aligned fiber in z (thesis 3.1), micrometres.
 pub const TOLERANCE_Z_UM: f64 = 2.0;
@@ -85,6 +86,10 @@ pub struct FiberRow {
     /// absent elsewhere.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub micro_strokes: Option<[f64; MICRO_AXES]>,
+    /// Axes that have swung at rest under the gains of its calibration until then, and how many times as large these are since; absent where
+    /// none has.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub gentler_gains: BTreeMap<String, f64>,
     /// Whether it really is where it should be; `null` unless attached.
     pub within_tolerance: Option<bool>,
     /// What control believes of where it is; `null` unless attached by a procedure that can say so.
@@ -385,6 +390,7 @@ pub(crate) fn nothing(port: &'static str, outcome: OutcomeCode, detail: &str) ->
         extinction_db: None,
         within_tolerance: None,
         micro_strokes: None,
+        gentler_gains: BTreeMap::new(),
         believed: None,
     }
 }
@@ -506,6 +512,11 @@ fn row(
         micro_strokes: report
             .strokes
             .map(|strokes| strokes.map(|times| rounded(times, 1e-4))),
+        gentler_gains: report
+            .gains
+            .iter()
+            .map(|(at, share)| (at.to_string(), rounded(*share, 1e-4)))
+            .collect(),
         believed: report.place.map(|place| Believed::of(place, tolerance_xy)),
     }
 }

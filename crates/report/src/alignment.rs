@@ -1,8 +1,9 @@
 //! The report of one alignment.
 
 use super::figure::{Axes, HALF, WHOLE, curves, envelope, range_of};
-use super::html::{configuration, figure, fixed, number, page, th, verdict};
+use super::html::{configuration, figure, fixed, number, page, prose, th, verdict};
 use super::plot::Plot;
+use super::text::gentler_gains;
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_control::kinematics::Kinematics;
@@ -131,6 +132,9 @@ fn summary(document: &AlignmentDocument) -> Markup {
             @if document.fibers.iter().any(wrong) {
                 " " span.bad { "One that control believes aligned is not." }
             }
+        }
+        @for said in gentler_gains(document) {
+            p { (prose(&said)) }
         }
         @if let Some(arms) = &document.arms {
             p {

@@ -171,6 +171,22 @@ fn drawn(rows: &[Vec<String>]) -> Table {
     table
 }
 
+/// What is said of axes that swing at rest under the gains of their calibration.
+pub(super) fn gentler_gains(document: &AlignmentDocument) -> impl Iterator<Item = String> {
+    let last = document
+        .fibers
+        .iter()
+        .rev()
+        .map(|fiber| &fiber.gentler_gains);
+    let axes = last.filter(|axes| !axes.is_empty()).take(1).flatten();
+    axes.map(|(axis, share)| {
+        format!(
+            "{axis} swings at rest under the gains of its calibration: they were made {share:.2} times as large on the way. `pigtail commission` finds \
+             such as it bears."
+        )
+    })
+}
+
 /// How a device was aligned: a row a fiber, what failed in a sentence, and the report if one was written.
 pub fn alignment(document: &AlignmentDocument, room: Option<usize>) -> String {
     let mut text = table(&fibers(document), room);
@@ -181,6 +197,9 @@ pub fn alignment(document: &AlignmentDocument, room: Option<usize>) -> String {
     }
     if document.collision {
         text += "A fiber hit the chip.\n";
+    }
+    for said in gentler_gains(document) {
+        let _ = writeln!(text, "{}", wrapped(&said, room));
     }
     let _ = writeln!(
         text,

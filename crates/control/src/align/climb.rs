@@ -115,7 +115,7 @@ async fn climb(
     let step =
         [Degree::X, Degree::Y].map(|of| axes[of.index()].map_or(0.0, |axis| axis.resolution));
     let steps = step[0].max(step[1]) / (6.0 * scan.samples() as f64).sqrt();
-    let known = known.deviation();
+    let known = known.at_most.deviation();
     Ok(Found {
         at: [place.x, place.y],
         deviation: known

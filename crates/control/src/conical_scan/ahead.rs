@@ -41,7 +41,7 @@ pub(super) fn late(foreseen: &Peak, turns: f64) -> Peak {
 /// x and in y, metres, where the turn on which it was seen has an unrest of its own (square metres). That does not count against the small
 /// turn: what makes a micro swing along with wide turns moves all of them alike. What is farther from where it was foreseen than chance makes it has
 /// been moved, and may go on.
-pub(super) fn together(foreseen: &Peak, seen: &Peak, unrest: [f64; 2]) -> (Displacement, [f64; 2]) {
+pub(super) fn together(foreseen: &Peak, seen: &Peak, unrest: [f64; 2]) -> Together {
     let by = seen.at - foreseen.at;
     let (before, after) = (foreseen.deviations, seen.deviations);
     let apart = [0, 1].map(|i| before[i].hypot(after[i]).max(f64::MIN_POSITIVE));
@@ -52,13 +52,38 @@ pub(super) fn together(foreseen: &Peak, seen: &Peak, unrest: [f64; 2]) -> (Displ
             .max(0.0)
             .sqrt()
     });
-    (
-        foreseen.at + Displacement::new(share[0] * by.x, share[1] * by.y),
-        [0, 1].map(|i| {
+    Together {
+        at: foreseen.at + Displacement::new(share[0] * by.x, share[1] * by.y),
+        share,
+        moved,
+        known: [0, 1].map(|i| {
             let known = before[i] * after[i] / apart[i];
             known.hypot(share[i] * unrest[i].sqrt()).hypot(moved[i])
         }),
-    )
+    }
+}
+
+/// A peak by where it was foreseen and where it was seen.
+pub(super) struct Together {
+    pub(super) at: Displacement,
+    /// How much of the way from the one to the other that is, in x and in y.
+    share: [f64; 2],
+    /// How far it has been moved, metres.
+    moved: [f64; 2],
+    /// How well it is known at most, in x and in y, metres.
+    pub(super) known: [f64; 2],
+}
+
+impl Together {
+    /// How well it is known where both are known as they are expected to be.
+    pub(super) fn expected(&self, foreseen: &Peak, seen: &Peak, unrest: [f64; 2]) -> [f64; 2] {
+        [0, 1].map(|i| {
+            let (before, after) = (foreseen.deviations[i], seen.deviations[i]);
+            let share = self.share[i];
+            let seen = share * after.hypot(unrest[i].sqrt());
+            seen.hypot((1.0 - share) * before).hypot(self.moved[i])
+        })
+    }
 }
 
 /// A peak that is not where it was foreseen: how far it is, and how far it might be, metres.
@@ -210,9 +235,9 @@ mod tests {
             at: Displacement::new(x, 0.0),
             ..foreseen
         };
-        let (at, known) = together(&foreseen, &seen(30e-9), [0.0; 2]);
+        let Together { at, known, .. } = together(&foreseen, &seen(30e-9), [0.0; 2]);
         assert!((at.x - 15e-9).abs() < 1e-12 && known[0] < 8e-9, "{known:?}");
-        let (_, known) = together(&foreseen, &seen(90e-9), [0.0; 2]);
+        let Together { known, .. } = together(&foreseen, &seen(90e-9), [0.0; 2]);
         assert!(known[0] > 70e-9 && known[1] < 8e-9, "{known:?}");
     }
 

@@ -1,13 +1,13 @@
 //! The last turns at the chip: the peak as it will be, a look at it from near, and the way to rest.
 
-use super::ahead::{Ahead, Moved, aged, late, recent, together};
+use super::ahead::{Ahead, Moved, aged, late, recent};
 use super::answer::{Answer, Turn};
 use super::follows::Follows;
 use crate::tuning::TUNING;
 
 use super::{ConicalScan, Gap};
 use crate::beam::{Peak, Reading, SpotSize};
-use crate::belief::Across;
+use crate::belief::Known;
 use crate::flicker::Flicker;
 use crate::gap_by_light::Width;
 use crate::outcome::{Halt, Outcome};
@@ -194,26 +194,13 @@ impl ConicalScan<'_> {
         // Whoever knows nothing of a bench follows what wanders by all turns together.
         if !self.wary {
             self.unrest = [0, 1].map(|i| (ahead[i].each - noises[i]).max(0.0));
+            let seen = [0, 1].map(|i| ahead[i].scatter - noises[i]);
+            self.scatter = (seen, turns as f64 - 2.0);
         }
         if !self.shaking.is_watched() {
             let free = turns as f64 - 2.0;
             self.shaking.set_slow([x.scatter, y.scatter], noises, free);
         }
-    }
-
-    /// A peak of so many turns as well as they know it beside what moves it from turn to turn.
-    fn unsteady(&self, seen: &Peak, turns: u32) -> Peak {
-        let unrest = self.unrest_of(turns);
-        let deviations = [0, 1].map(|i| seen.deviations[i].hypot(unrest[i].sqrt()));
-        Peak {
-            deviations,
-            ..*seen
-        }
-    }
-
-    /// Variance in x and in y of the mean of the peaks of so many turns, beside noise, square metres.
-    fn unrest_of(&self, turns: u32) -> [f64; 2] {
-        self.unrest.map(|unrest| unrest / f64::from(turns))
     }
 
     /// How long the micro is left to itself on the small circle before light on it counts, seconds: on its first turn a tip is elsewhere than on
@@ -241,7 +228,7 @@ impl ConicalScan<'_> {
     }
 
     /// By how much less piezos creep in a turn by now than after the fewest turns that foresee a peak: they do by the logarithm of time.
-    fn creeps(&self) -> f64 {
+    pub(super) fn creeps(&self) -> f64 {
         TUNING.last.fewest as f64 / self.turns.len().max(TUNING.last.fewest) as f64
     }
 
@@ -402,46 +389,9 @@ impl ConicalScan<'_> {
         accuracy: (f64, f64),
         phase: &'static str,
         ready: &impl Fn() -> Ready,
-    ) -> Result<(Foreseen, Across), Halt> {
+    ) -> Result<(Foreseen, Known), Halt> {
         let peak = self.settle(bench, gap, accuracy, phase, ready).await?;
         self.confirm(bench, gap, &peak, phase).await
-    }
-
-    /// How far a peak that was `seen` from a circle may be from there in x and in y, metres: where its spot is wider than believed, it
-    /// was seen nearer to the circle's middle than it is.
-    fn behind(&self, gap: f64, width: &Width, seen: &Peak) -> [f64; 2] {
-        let off = seen.at - self.centre;
-        let believed = self.beam.squared_widths(gap);
-        let wider = [0, 1].map(|i| (width.squared[i] / believed[i] - 1.0).max(0.0));
-        [off.x.abs() * wider[0], off.y.abs() * wider[1]]
-    }
-
-    /// Squares of how wide the spot is in x and in y, square metres: as is believed, or as two circles have told, if that is more.
-    fn widest(&self, gap: f64, width: Option<&Width>) -> [f64; 2] {
-        let believed = self.beam.squared_widths(gap);
-        width.map_or(believed, |width| {
-            [0, 1].map(|i| believed[i].max(width.squared[i]))
-        })
-    }
-
-    /// How far beside its peak light is brightest, metres, and how well that is known: on stages that stand askew light that rises with the gap rises
-    /// to one side.
-    fn aside(&self, gap: f64, width: Option<&Width>) -> (Displacement, [(f64, f64); 2]) {
-        let widest = self.widest(gap, width);
-        match &self.rise {
-            Some(rise) => self.beam.aside_by(rise, widest),
-            None => (Displacement::ZERO, self.beam.aside(widest)),
-        }
-    }
-
-    /// A peak that was seen from a circle of so many widths, as well as it is known where the micro has left that for its middle.
-    fn left_from(&self, peak: &Peak, radius: f64, gap: f64) -> Peak {
-        // That is told in true measure.
-        let hidden = self.hides * radius * self.beam.width(gap) / self.shaking.wider();
-        Peak {
-            deviations: peak.deviations.map(|d| d.hypot(hidden)),
-            ..*peak
-        }
     }
 
     /// How wide the spot is by the last turns on both circles, and what follows from that for all else that they tell.
@@ -473,7 +423,7 @@ impl ConicalScan<'_> {
         gap: f64,
         foreseen: &Peak,
         phase: &'static str,
-    ) -> Result<(Foreseen, Across), Halt> {
+    ) -> Result<(Foreseen, Known), Halt> {
         let radius = self.small(foreseen, gap);
         let small = radius * radius;
         let near = self.look_near(bench, gap, foreseen, radius, phase);
@@ -518,17 +468,16 @@ impl ConicalScan<'_> {
         } else {
             0.0
         };
-        let (at, known) = if self.wary {
+        let (at, by_light) = if self.wary {
             let until = rest + longer / self.period;
             let noise = self.turns.last().map_or(0.0, |turn| turn.peak.deviation());
             let small = self.turned(bench, seen);
             self.turns.push(small);
             let answer = Answer::of(&self.turns, self.period, noise, (0.0, until));
-            (answer.at, [answer.deviation; 2])
+            let known = [answer.deviation; 2];
+            (answer.at, [known, known])
         } else {
-            let foreseen = self.left_from(foreseen, self.shape.radius, gap);
-            let seen = self.left_from(&seen, radius, gap);
-            together(&foreseen, &seen, self.unrest_of(times))
+            self.by_both(bench, gap, (foreseen, &seen), (radius, times))
         };
         let at = at - beside;
         self.go_to(bench, &Peak { at, ..seen }, gap)?;
@@ -547,25 +496,7 @@ impl ConicalScan<'_> {
         if misfit > accepted {
             return Err(Outcome::Misshapen { misfit, accepted }.into());
         }
-        // How far piezos creep until the fiber is fixed was foreseen, but for a part; and as much of
-        // what moves on while a micro that rings comes to rest, such as a macro that creeps.
-        let creep = TUNING.ahead.creep * self.slower;
-        let older = 0.5 * f64::from(times - 1) * self.creeps();
-        let moves = creep * (1.0 + older) + creep.max(self.drift.norm()) * later;
-        let known = Across {
-            sigma: [0, 1].map(|i| {
-                let moves = TUNING.last.unforeseen * moves;
-                known[i].hypot(moves).hypot(aside[i].0)
-            }),
-            // A drift that was seen for sure goes on as it did, or less, or not at all: what comes to rest does so soon, and
-            // piezos creep by the logarithm of time, by much where their model knows no creep. To go where it
-            // would lead makes offsets worse where it does not go on, so it is believed and not followed.
-            bound: [
-                self.surely.x.abs() * rest + behind[0] + aside[0].1,
-                self.surely.y.abs() * rest + behind[1] + aside[1].1,
-            ],
-            askew: aside,
-        };
+        let known = self.until_fixed(by_light, (behind, aside), times, (rest, later));
         let deviation = full
             * f64::hypot(
                 (1.0 + power) * seen.full_deviation / seen.full,

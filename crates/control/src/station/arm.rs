@@ -118,7 +118,8 @@ impl Arm {
                 };
                 let drive = spec.drive(axis);
                 let settling = drive.step.map_or(SETTLING, |step| step.settling);
-                Pid::new(gains, drive.voltage, period).holding_after(AT_REST * settling)
+                let pid = Pid::new(gains, drive.voltage, period).gentle();
+                pid.holding_after(AT_REST * settling)
             }),
             states: [PidState::default(); AXES],
             references: [Counts(0); AXES],

@@ -2,7 +2,7 @@
 
 use super::{Started, Station, VoltageMachine};
 use crate::outcome::{Halt, Outcome};
-use crate::trajectory::{Arc, Line, Motion, Path, Refused, Shape};
+use crate::trajectory::{Arc, Limits, Line, Motion, Path, Refused, Shape};
 use pigtail_hal::quantity::Counts;
 use pigtail_hal::{Axis, AxisName, Command, Fault, Side};
 use pigtail_model::frames::{Macro, Point};
@@ -155,11 +155,23 @@ impl Station<'_> {
         speed: Option<f64>,
     ) -> Result<Motion, Outcome> {
         let checked = || {
-            let motion = Motion::new(path, self.shape, &self.limits, speed)?;
+            let motion = Motion::new(path, self.shape, &self.limits(side), speed)?;
             motion.check(self.kinematics(side), self.spec().period())?;
             Ok(motion)
         };
         checked().map_err(|why| Outcome::Refused { side, why })
+    }
+
+    /// The limits of a side's motions. An axis whose gains were made less, since it swung at rest, is pulled along by as much less force: it is not
+    /// asked to gather speed faster, or it would lag behind and run past its end.
+    fn limits(&self, side: Side) -> Limits {
+        let mut limits = self.limits;
+        let [a, b, z] = self.arms[side.index()].states.map(|state| state.share());
+        for (rates, share) in [(&mut limits.xy, a.min(b)), (&mut limits.z, z)] {
+            rates.acceleration *= share;
+            rates.jerk *= share;
+        }
+        limits
     }
 
     /// Whether a motion is still being followed.
@@ -182,7 +194,7 @@ impl Station<'_> {
     pub(super) fn braked(&self, side: Side) -> Option<Motion> {
         let started = self.arms[side.index()].motion.as_ref()?;
         let since = self.measurement.time - started.at;
-        Some(started.motion.braked(since, &self.limits))
+        Some(started.motion.braked(since, &self.limits(side)))
     }
 
     /// Ends a motion where it is. For those slow enough to stop at once.

@@ -5,10 +5,9 @@ use crate::compensation::online::Told;
 use crate::impulse::belief::ImpulseBelief;
 use crate::kinematics::Kinematics;
 use crate::outcome::Outcome;
-use crate::servo::PidState;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::MICRO_AXES;
-use pigtail_hal::{AxisName, Pulse, Side};
+use pigtail_hal::{Axis, AxisName, Pulse, Side};
 use pigtail_model::frames::{Displacement, Macro, Point};
 
 /// What only a machine that is driven by volts can do, beside what every bench can.
@@ -28,6 +27,8 @@ pub trait VoltageMachine {
     fn kinematics(&self, side: Side) -> &Kinematics;
     /// What is believed of pulses on a five-bar; `None` where no one has measured it.
     fn five_bar_pulses(&self) -> Option<ImpulseBelief>;
+    /// Axes that have swung at rest under their gains, and how many times as large as the calibration says these are since.
+    fn gentler_gains(&self) -> Vec<(AxisName, f64)>;
     /// What the transmission of an axis holds back at this moment, by what is believed of it, radians of the output.
     fn windup(&self, at: AxisName) -> f64;
     /// Takes an axis from its servo and holds this voltage on its motor, until it is given back.
@@ -80,6 +81,20 @@ impl VoltageMachine for Station<'_> {
         self.five_bar_pulses.clone()
     }
 
+    fn gentler_gains(&self) -> Vec<(AxisName, f64)> {
+        let axes = Side::ALL
+            .into_iter()
+            .flat_map(|side| Axis::ALL.map(|axis| AxisName::new(side, axis)));
+        axes.map(|at| {
+            (
+                at,
+                self.arms[at.side.index()].states[at.axis.index()].share(),
+            )
+        })
+        .filter(|(_, share)| *share < 1.0)
+        .collect()
+    }
+
     fn windup(&self, at: AxisName) -> f64 {
         self.arms[at.side.index()].windup[at.axis.index()]
     }
@@ -93,7 +108,8 @@ impl VoltageMachine for Station<'_> {
         self.reference(at, here);
         let arm = &mut self.arms[at.side.index()];
         arm.held[at.axis.index()] = None;
-        arm.states[at.axis.index()] = PidState::default();
+        let state = &mut arm.states[at.axis.index()];
+        *state = state.afresh();
     }
 
     fn pulse(&mut self, at: AxisName, pulse: Pulse) -> Result<(), Outcome> {

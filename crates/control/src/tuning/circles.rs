@@ -99,6 +99,13 @@ topic! {
         /// The same where the model is a network: it knows less of small loops. Of 702 rests on the same 12 machines it was 0.028 to
         /// 0.032 in x, 0.015 in y, and 0.15 for the worst.
         hidden_by_networks: f64 = 0.03, "1", Measured;
+        /// What of both is tips that shook while they were looked at, which counts by itself: of tips that the twin holds still 0.008 was left of 0.012
+        /// (40 machines of `workshop`). For what is told of a fiber; what is decided leaves it in.
+        shaken: f64 = 0.009, "1", Measured;
+        /// Of what has a bound less is likelier than all: a drift slows down, a ripple is as strong as bare glass makes it at most and stands
+        /// anywhere in its wave. Where its density falls in a straight line to nothing at the bound its variance is half of one that is even. For
+        /// what is told of a fiber; what is decided takes it as even.
+        likely: f64 = std::f64::consts::FRAC_1_SQRT_2, "1", Equation;
         /// How well the wide turns alone must know the peak before a small one is made, of what both together must: the small one
         /// is to be near the peak, and knows it better.
         wide: f64 = 1.5, "1", Choice;
