@@ -512,13 +512,23 @@ impl SearchEvidence {
     /// The evidence of this search and of the one before it over the same area.
     #[must_use]
     pub fn after(self, before: Option<Self>) -> Self {
-        before.map_or(self, |before| Self {
-            samples: before.samples + self.samples,
-            dismissed: before.dismissed + self.dismissed,
-            width: before.width.max(self.width),
-            height: before.height.max(self.height),
-            brightest: before.brightest.max(self.brightest),
-            ..self
+        before.map_or(self, |before| {
+            // What came nearest to light, beside what would have been light then: backgrounds differ.
+            let above = |seen: &Self| seen.brightest - seen.threshold;
+            let nearest = if above(&before) > above(&self) {
+                before
+            } else {
+                self
+            };
+            Self {
+                samples: before.samples + self.samples,
+                dismissed: before.dismissed + self.dismissed,
+                width: before.width.max(self.width),
+                height: before.height.max(self.height),
+                brightest: nearest.brightest,
+                threshold: nearest.threshold,
+                ..self
+            }
         })
     }
 }
@@ -571,8 +581,25 @@ impl From<Outcome> for Halt {
 
 #[cfg(test)]
 mod tests {
-    use super::{Outcome, OutcomeCode};
+    use super::{Outcome, OutcomeCode, SearchEvidence};
     use pigtail_hal::Side;
+
+    #[test]
+    fn searches_put_together_tell_what_came_nearest_to_light_beside_what_would_have_been() {
+        let pass = |threshold, brightest| SearchEvidence {
+            phase: "raster",
+            samples: 10,
+            width: 1e-6,
+            height: 1e-6,
+            brightest,
+            dismissed: 0,
+            threshold,
+        };
+        // In a background that was brighter at first.
+        let both = pass(0.15, 0.14).after(Some(pass(0.25, 0.19)));
+        assert_eq!((both.threshold, both.brightest), (0.15, 0.14));
+        assert_eq!(both.samples, 20);
+    }
 
     #[test]
     fn a_code_is_found_by_its_name() {
