@@ -8,6 +8,7 @@ use crate::running::{self, stopped};
 use crate::{DONE, Failure, NEGATIVE};
 use clap::Args;
 use pigtail_evaluate::hysteresis::{self as machine, MachineDocument, MicrosDocument};
+use pigtail_hal::Error;
 use pigtail_hal::digest::hash;
 use pigtail_hal::quantity::{FREQUENCY, Sign};
 use pigtail_records::columns::LengthUnit;
@@ -47,6 +48,7 @@ Examples:
   pigtail identify hysteresis --rig my-rig --write
   pigtail identify hysteresis --data loops.csv --voltage u_V --displacement disp_um
   pigtail identify hysteresis --data loops.csv --voltage u_V --displacement x_nm --model rbf")]
+#[command(group(clap::ArgGroup::new("machine").multiple(true).args(["rig", "fleet", "calibration", "write"]).conflicts_with("data")))]
 pub(crate) struct IdentifyArguments {
     /// A file of columns; delimiter, decimal comma, encoding, names and units are told from it
     #[arg(long, value_name = "FILE", requires_all = ["input", "output"])]
@@ -381,8 +383,10 @@ pub(crate) fn predict(arguments: &PredictArguments) -> Result<u8, Failure> {
         record,
         understood,
         remarks,
+        timed,
         ..
     } = data.record(&columns, Some(unit))?;
+    data.timed_as(&file.columns, timed)?;
     let (mut tried, inverted) = if arguments.inverse {
         let (tried, inverted) = voltages_of(&file.model, record);
         (tried, Some(inverted))
@@ -436,8 +440,18 @@ fn path_alone(
     unit: LengthUnit,
     hashes: &[(String, String)],
 ) -> Result<u8, Failure> {
-    let (time, wanted) = data.path(columns, Some(unit))?;
-    let inverted = voltages(&file.model, time, wanted);
+    let path = data.path(columns, Some(unit))?;
+    data.timed_as(&file.columns, path.timed)?;
+    if let Some((far, own)) = Inverted::too_far(&file.model, &path.wanted) {
+        let message = format!(
+            "goes over {far:.3} um; accepted is a path within the {own:.3} um of the model's record: is it in another unit?"
+        );
+        let file = arguments.data.display().to_string();
+        return Err(Error::new(file, &columns.output, message).into());
+    }
+    let inverted = voltages(&file.model, path.time, path.wanted);
+    let mut remarks = path.remarks;
+    remarks.extend(inverted.at_ends(&file.model));
     let run = Run::begin(&arguments.runs, "predict", 0, hashes)?;
     run.write("predicted.csv", voltages_csv(&inverted))?;
     let title = format!("Voltages for {}", arguments.data.display());
@@ -448,6 +462,8 @@ fn path_alone(
         "functions": file.model.functions(),
         "samples": inverted.volts.len(),
         "offset_um": inverted.offset,
+        "read": path.understood,
+        "remarks": remarks,
         "voltages": csv.display().to_string(),
         "report": page.display().to_string(),
     });
@@ -456,8 +472,10 @@ fn path_alone(
     let text = if arguments.json {
         format!("{document}\n")
     } else {
+        let notes: String = remarks.iter().map(|r| format!("Note: {r}\n")).collect();
         format!(
-            "{} voltages by the model `{}`, the path moved by {:.3} um\nVoltages: {}\nReport: {}\n",
+            "Read: {}\n{} voltages by the model `{}`, the path moved by {:.3} um\n{notes}Voltages: {}\nReport: {}\n",
+            path.understood,
             inverted.volts.len(),
             file.model.name(),
             inverted.offset,

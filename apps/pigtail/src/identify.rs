@@ -57,6 +57,7 @@ Examples:
   pigtail identify windup --data d.csv --motor mot1_deg --load se1_deg --torque torque1_Nm
   pigtail identify windup --data d.csv --motor q_m:rad --gear-ratio 0.0125 --load q_l:rad")]
 #[command(group(clap::ArgGroup::new("from").required(true).args(["axis", "data"])))]
+#[command(group(clap::ArgGroup::new("machine").multiple(true).args(["model", "rig", "fleet", "calibration", "write"]).conflicts_with("data")))]
 struct WindupArguments {
     /// fivebar, z, or left.a, left.b, left.z, right.a, right.b, right.z
     axis: Option<AxisName>,

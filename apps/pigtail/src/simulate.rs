@@ -6,6 +6,8 @@ use anyhow::Context;
 use clap::{Args, Subcommand};
 use pigtail_evaluate::simulate::{Grid, Input, Parameters, joint};
 use pigtail_hal::quantity::{FREQUENCY, Sign, TIME};
+use pigtail_records::columns::Named;
+use pigtail_records::input::Chosen;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::PathBuf;
@@ -54,7 +56,14 @@ struct JointArguments {
     axis: String,
     #[command(flatten)]
     input: InputArguments,
-    /// Rows a second in the file of --input or --reference, hertz: where no column says when they begin
+    /// Column of times in the file of --input or --reference; `t_s`, `time_s`, `t` or `time` if not given, else the
+    /// first
+    #[arg(long, value_name = "COLUMN", conflicts_with_all = ["impulse", "step", "triangle"])]
+    time: Option<Named>,
+    /// Its column of values; if not given, the only other one, or one with a usual name
+    #[arg(long, value_name = "COLUMN", conflicts_with_all = ["impulse", "step", "triangle"])]
+    column: Option<Named>,
+    /// Rows a second in it, hertz: where no column says when they begin, or the column of time counts them
     #[arg(long, value_name = "HERTZ", value_parser = in_unit(FREQUENCY, "Hz", Sign::Positive), conflicts_with_all = ["impulse", "step", "triangle"])]
     rate: Option<f64>,
     /// Where to write the trajectory; standard output if not given
@@ -114,7 +123,12 @@ impl<const N: usize> FromStr for Numbers<N> {
 pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let Part::Joint(arguments) = &arguments.part;
     let parameters = Parameters::read(&arguments.params, &arguments.axis)?;
-    let input = input(&arguments.input, arguments.rate, &parameters)?;
+    let chosen = Chosen {
+        time: arguments.time.clone(),
+        value: arguments.column.clone(),
+        rate: arguments.rate,
+    };
+    let input = input(&arguments.input, &chosen, &parameters)?;
     let grid = Grid {
         duration: arguments.duration.unwrap_or_else(|| input.duration()),
         row_period: arguments.row_period.unwrap_or_else(|| input.row_period()),
@@ -208,7 +222,7 @@ fn bad(option: &str, message: &str) -> Failure {
 
 fn input(
     arguments: &InputArguments,
-    rate: Option<f64>,
+    chosen: &Chosen,
     parameters: &Parameters,
 ) -> Result<Input, Failure> {
     let InputArguments {
@@ -219,8 +233,8 @@ fn input(
         triangle,
     } = arguments;
     let file = match (input, reference) {
-        (Some(path), _) => Some(Input::voltages(path, rate)?),
-        (None, Some(path)) => Some(Input::reference(path, rate, parameters)?),
+        (Some(path), _) => Some(Input::voltages(path, chosen)?),
+        (None, Some(path)) => Some(Input::reference(path, chosen, parameters)?),
         (None, None) => None,
     };
     // The trajectory itself may go to standard output.

@@ -259,14 +259,13 @@ pub enum Input {
 }
 
 impl Input {
-    /// Reads voltages from a file of columns, and how it was read, in words. `rate` is how many rows a second there
-    /// are, hertz, where no column says when they begin.
+    /// Reads voltages from a file of columns, and how it was read, in words.
     ///
     /// # Errors
     ///
     /// When the file cannot be read, a field is no finite number, or time does not increase.
-    pub fn voltages(path: &Path, rate: Option<f64>) -> Result<(Self, String), Error> {
-        let read = input::read(path, input::Kind::Voltage, rate)?;
+    pub fn voltages(path: &Path, chosen: &input::Chosen) -> Result<(Self, String), Error> {
+        let read = input::read(path, input::Kind::Voltage, chosen)?;
         Ok((Self::Voltages(read.rows), read.understood))
     }
 
@@ -278,10 +277,10 @@ impl Input {
     /// As [`Self::voltages`].
     pub fn reference(
         path: &Path,
-        rate: Option<f64>,
+        chosen: &input::Chosen,
         p: &Parameters,
     ) -> Result<(Self, String), Error> {
-        let read = input::read(path, input::Kind::Reference, rate)?;
+        let read = input::read(path, input::Kind::Reference, chosen)?;
         // Radians of the load are `1 / r` times as many of the motor.
         let per_load = p.Nenc / std::f64::consts::TAU / p.r;
         let counts = if read.of == LENGTH {

@@ -1,7 +1,9 @@
 //! Columns of files that are no text: Parquet, and MATLAB's .mat up to version 7 (level 5).
 
 use matfile::{MatFile, NumericData};
-use parquet::basic::{LogicalType, TimeUnit};
+use parquet::basic::{LogicalType, TimeUnit, Type};
+use parquet::column::reader::ColumnReader;
+use parquet::data_type::Int96;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
 use std::fs::File;
@@ -76,8 +78,15 @@ fn cell(field: &Field, tick: Option<f64>) -> Cell {
 
 /// The columns of a Parquet file.
 pub(crate) fn parquet(file: File) -> Result<Arrays, String> {
-    let bad =
-        |error: parquet::errors::ParquetError| format!("is no Parquet that can be read: {error}");
+    let bad = |error: parquet::errors::ParquetError| {
+        let text = error.to_string();
+        match text.split_once("Disabled feature at compile time: ") {
+            Some((_, codec)) => format!(
+                "is compressed by {codec}, which is not read here; accepted is Parquet by snappy, gzip, zstd or without compression"
+            ),
+            None => format!("is no Parquet that can be read: {text}"),
+        }
+    };
     let reader = SerializedFileReader::new(file).map_err(bad)?;
     let schema = reader.metadata().file_metadata().schema();
     let fields = schema.get_fields();
@@ -108,6 +117,16 @@ pub(crate) fn parquet(file: File) -> Result<Arrays, String> {
             columns[k].push(value);
         }
     }
+    for k in 0..count {
+        if let Some(moments) = old_moments(&reader, k).map_err(bad)? {
+            let zero = moments.iter().copied().flatten().next();
+            let from = |v: i64| (i128::from(v) - i128::from(zero.unwrap_or(v))) as f64 * 1e-9;
+            columns[k] = moments
+                .into_iter()
+                .map(|m| m.map_or(f64::NAN, from))
+                .collect();
+        }
+    }
     Ok(Arrays {
         kind: "Parquet",
         names,
@@ -117,6 +136,42 @@ pub(crate) fn parquet(file: File) -> Result<Arrays, String> {
         period: None,
         left_out: Vec::new(),
     })
+}
+
+/// Moments as Spark and others write them (INT96), nanoseconds: a row tells them to a millisecond only, in which a servo takes many
+/// samples. `None` of any other column, and of files in which columns hold several.
+fn old_moments(
+    reader: &SerializedFileReader<File>,
+    k: usize,
+) -> Result<Option<Vec<Option<i64>>>, parquet::errors::ParquetError> {
+    let schema = reader.metadata().file_metadata().schema_descr();
+    let fields = schema.root_schema().get_fields();
+    let is_flat = fields.len() == schema.num_columns() && fields.iter().all(|f| f.is_primitive());
+    if !is_flat || schema.column(k).physical_type() != Type::INT96 {
+        return Ok(None);
+    }
+    let mut moments = Vec::new();
+    for group in 0..reader.num_row_groups() {
+        let group = reader.get_row_group(group)?;
+        let ColumnReader::Int96ColumnReader(mut column) = group.get_column_reader(k)? else {
+            return Ok(None);
+        };
+        let rows = usize::try_from(group.metadata().num_rows()).unwrap_or(0);
+        let (mut there, mut values) = (Vec::new(), Vec::new());
+        let is_optional = schema.column(k).max_def_level() > 0;
+        column.read_records(rows, is_optional.then_some(&mut there), None, &mut values)?;
+        let mut values = values.iter().map(Int96::to_nanos);
+        if is_optional {
+            moments.extend(
+                there
+                    .iter()
+                    .map(|level| (*level > 0).then(|| values.next()).flatten()),
+            );
+        } else {
+            moments.extend(values.map(Some));
+        }
+    }
+    Ok(Some(moments))
 }
 
 /// Numbers of a .mat that say how far apart samples are: a period or a rate.

@@ -3,7 +3,7 @@
 pub use crate::table::{Gaps, Numbers, Table};
 pub use crate::units::LengthUnit;
 pub(crate) use crate::units::{
-    CURRENT, DIMENSIONS, OTHER_UNITS, TIME, ending, foreign, of_name, unit_of,
+    CURRENT, DIMENSIONS, OTHER_UNITS, TIME, ending, foreign, of_name, unit_of, without_unit,
 };
 use pigtail_hal::Error;
 use pigtail_hal::quantity::{Dimension, RATIO};
@@ -168,13 +168,7 @@ fn usual(table: &Table) -> Option<Named> {
     let nearly = || {
         // `Time [s]`, `Zeit (ms)`, `Timestamp`.
         let bare = |name: &str| {
-            let low = name.to_lowercase();
-            let low = low
-                .split(['[', '('])
-                .next()
-                .unwrap_or_default()
-                .trim()
-                .to_owned();
+            let low = without_unit(name).to_lowercase();
             ["_s", "_ms", "_us", "_ns"]
                 .iter()
                 .find_map(|unit| low.strip_suffix(unit))
@@ -187,7 +181,14 @@ fn usual(table: &Table) -> Option<Named> {
             .find(|n| USUAL.contains(&&*bare(n)))
             .cloned()
     };
-    exact.or_else(nearly).map(Named::new)
+    // An index of moments without a name, as pandas writes it.
+    let only = || {
+        let names = table.names();
+        let mut moments = (0..names.len()).filter(|k| table.is_moments(*k));
+        let only = moments.next().filter(|_| moments.next().is_none());
+        only.map(|k| names[k].clone())
+    };
+    exact.or_else(nearly).or_else(only).map(Named::new)
 }
 
 /// That a column of time rises wherever it has a value.

@@ -1,6 +1,6 @@
 //! What drives a simulation, from a file: a value from each moment on.
 
-use crate::columns::{self, Named, TIME, Table, Wanted};
+use crate::columns::{self, Named, TIME, Table, Wanted, without_unit};
 use pigtail_hal::Error;
 use pigtail_hal::quantity::{ANGLE, Dimension, LENGTH, RATIO, VOLTAGE};
 use pigtail_numerics::signal::quantile;
@@ -15,6 +15,17 @@ pub enum Kind {
     Voltage,
     /// A reference: counts where no unit is known, else m or rad.
     Reference,
+}
+
+/// Which columns of a file, where it does not tell.
+#[derive(Debug, Clone, Default)]
+pub struct Chosen {
+    /// The column of times.
+    pub time: Option<Named>,
+    /// The column of values.
+    pub value: Option<Named>,
+    /// Rows a second, hertz.
+    pub rate: Option<f64>,
 }
 
 /// Values in the order of their moments.
@@ -79,7 +90,7 @@ impl Kind {
             return Ok(Named::new(only.clone()));
         }
         let bare = |name: &str| {
-            let name = name.split(['[', '(']).next().unwrap_or_default().trim();
+            let name = without_unit(name);
             name.rsplit_once('_')
                 .map_or(name, |(bare, _)| bare)
                 .to_owned()
@@ -94,7 +105,7 @@ impl Kind {
         }
         let message = format!(
             "has {} columns beside its times, and {} of them have a usual name for it; accepted is a file of \
-             times and values alone, or a column called {}: there are {}",
+             times and values alone, a column called {}, or its name as --column: there are {}",
             others.len(),
             found.len(),
             self.names()[1],
@@ -109,13 +120,17 @@ impl Kind {
 /// # Errors
 ///
 /// When the file cannot be read, has no such columns, or time does not rise from zero.
-pub fn read(path: &Path, kind: Kind, rate: Option<f64>) -> Result<Input, Error> {
+pub fn read(path: &Path, kind: Kind, chosen: &Chosen) -> Result<Input, Error> {
     let table = Table::open(path)?;
-    let time = match columns::usual_time(&table, rate) {
-        Some(time) => time,
-        None => Named::new(table.names().first().cloned().unwrap_or_default()),
+    let time = match (&chosen.time, columns::usual_time(&table, chosen.rate)) {
+        (Some(time), _) => columns::time_named(&table, Some(time), chosen.rate)?,
+        (None, Some(time)) => time,
+        (None, None) => Named::new(table.names().first().cloned().unwrap_or_default()),
     };
-    let value = kind.column(&table, time.name())?;
+    let value = match &chosen.value {
+        Some(value) => value.clone(),
+        None => kind.column(&table, time.name())?,
+    };
     let list = [
         Wanted {
             option: "--time",
@@ -128,9 +143,10 @@ pub fn read(path: &Path, kind: Kind, rate: Option<f64>) -> Result<Input, Error> 
             of: kind.of(),
         },
     ];
-    let read = columns::read(&table, &list)?;
+    let mut read = columns::read(&table, &list)?;
     if read[1].dimension == RATIO
-        && let Some(unit) = table.unit(table.place(value.name())?)
+        && let Ok(place) = table.place(value.name())
+        && let Some(unit) = table.unit(place)
         && !RATIO.units.iter().any(|(own, _)| *own == unit)
     {
         let message = format!("is in {unit}; accepted are counts, lengths or angles");
@@ -138,6 +154,9 @@ pub fn read(path: &Path, kind: Kind, rate: Option<f64>) -> Result<Input, Error> 
     }
     let mut understood = columns::understood(&table, &list, &read, None);
     columns::rising(path, &read[0])?;
+    if let Some(day) = from_a_day(&mut read[0].values) {
+        let _ = write!(understood, "; times are counted from the first, {day} s");
+    }
     if let Some(early) = read[0].values.iter().find(|t| **t < 0.0) {
         let message = format!("time {early} s is below zero; accepted are times of zero or more");
         return Err(table.error(time.name(), message));
@@ -172,6 +191,19 @@ pub fn read(path: &Path, kind: Kind, rate: Option<f64>) -> Result<Input, Error> 
     })
 }
 
+/// Counts times from the first one where that lies years behind zero: a clock said which day it was, and nobody simulates the time
+/// since 1970. What the clock said.
+fn from_a_day(times: &mut [f64]) -> Option<f64> {
+    /// Three years.
+    const YEARS: f64 = 1e8;
+    let first = times.iter().copied().find(|t| t.is_finite());
+    let first = first.filter(|t| *t > YEARS)?;
+    for time in times {
+        *time -= first;
+    }
+    Some(first)
+}
+
 /// How many gaps there are in rows that are taken evenly but for these, and the longest, seconds. Rows of changes come as they like.
 fn gaps(rows: &[(f64, f64)]) -> Option<(usize, f64)> {
     /// Share of the steps that are alike, and by how much of one.
@@ -197,7 +229,33 @@ mod tests {
         let folder = tempfile::TempDir::new().expect("a folder");
         let path = folder.path().join("r.csv");
         std::fs::write(&path, text).expect("a file");
-        read(&path, Kind::Reference, None)
+        read(&path, Kind::Reference, &Chosen::default())
+    }
+
+    #[test]
+    fn times_of_a_day_are_counted_from_the_first() {
+        let input = read_text("t_s,ref\n1700000000.5,1\n1700000001,2\n").expect("an input");
+        let times: Vec<f64> = input.rows.iter().map(|r| r.0).collect();
+        assert_eq!(times, [0.0, 0.5]);
+        assert!(
+            input.understood.contains("counted from the first"),
+            "{}",
+            input.understood
+        );
+    }
+
+    #[test]
+    fn columns_may_be_chosen() {
+        let folder = tempfile::TempDir::new().expect("a folder");
+        let path = folder.path().join("r.csv");
+        std::fs::write(&path, "n,a,b,\n0,1,2,\n1,3,4,\n").expect("a file");
+        let chosen = Chosen {
+            time: Some(Named::new("n")),
+            value: Some(Named::new("b")),
+            rate: Some(100.0),
+        };
+        let input = read(&path, Kind::Reference, &chosen).expect("an input");
+        assert_eq!(input.rows, [(0.0, 2.0), (0.01, 4.0)]);
     }
 
     #[test]

@@ -197,8 +197,13 @@ pub(crate) fn layout(
     }
     let start = found.start;
     let last = (0..start).rev().find(|k| !all[*k].comment);
-    let ends_empty = fields(start).last().is_some_and(|f| f.is_empty());
-    let trailing = ends_empty && last.is_some_and(|k| fields(k).len() + 1 == found.width);
+    // A delimiter behind every row's last field is no column, whether the line of names has it or not.
+    let ends_empty = |k: usize| fields(k).last().is_some_and(|f| f.is_empty());
+    let mut rows = (start..all.len()).filter(|k| !all[*k].comment);
+    let trailing = found.width > 1
+        && found.delimiter != b' '
+        && rows.all(|k| fields(k).len() != found.width || ends_empty(k))
+        && (0..start).all(|k| all[k].comment || fields(k).len() != found.width || ends_empty(k));
     let width = found.width - usize::from(trailing);
     let above = above(&all[..start], &found, width, is_unit);
     let mut names = above.names;
@@ -213,8 +218,11 @@ pub(crate) fn layout(
         *slot = unit.or(slot.take());
     }
     names = recorder(&all[..start], width).or(names);
+    // A line without anything that divides fields is prose above rows without names.
+    let prose = |k: usize| !all[k].text.contains([',', ';', '\t', '|']) && delimiter != b' ';
     let other = last
         .filter(|k| names.is_none() && all[*k].number + 1 == all[start].number)
+        .filter(|k| !prose(*k))
         .map(|k| (all[k].number, fields(k).len()))
         .filter(|(_, count)| *count > 1 || width > 1);
     Some(Layout {
@@ -514,7 +522,10 @@ mod tests {
             ),
             ("# t x\n0.0 1.5\n1.0  2.5\n", b' ', false, vec!["t", "x"], 2),
             ("0.0 1.5\n1.0  2.5\n", b' ', false, vec!["1", "2"], 1),
-            ("t,x,\n0,1,\n1,2,\n", b',', false, vec!["t", "x", ""], 2),
+            ("t,x,\n0,1,\n1,2,\n", b',', false, vec!["t", "x"], 2),
+            ("t,x,y\n0,1,\n1,2,\n", b',', false, vec!["t", "x", "y"], 2),
+            ("0,1,\n1,2,\n", b',', false, vec!["1", "2"], 1),
+            ("Log of a day\n0,1\n1,2\n", b',', false, vec!["1", "2"], 2),
             ("t,x\n0,1,\n1,2,\n", b',', false, vec!["t", "x"], 2),
             ("t,\"x, y\"\n0,1\n1,2\n", b',', false, vec!["t", "x, y"], 2),
             ("t,x\n0,one\n1,2\n2,3\n", b',', false, vec!["t", "x"], 2),

@@ -1,6 +1,6 @@
 //! Modes from a frequency response.
 
-use super::columns::{self, Named, Wanted};
+use super::columns::{self, Named, TIME, Wanted, without_unit};
 use super::{Answer, Figure, NOT_IDENTIFIABLE, Shown, short, with_units};
 use nalgebra::Complex;
 use pigtail_hal::Error;
@@ -57,8 +57,8 @@ const COHERENCES: [&str; 2] = ["coherence", "Coherence"];
 
 /// A name in lower case without its unit.
 fn bare(name: &str) -> String {
-    let low = name.to_lowercase();
-    let cut = low.split(['[', '(']).next().unwrap_or_default().trim();
+    let low = without_unit(name).to_lowercase();
+    let cut = low.as_str();
     let suffix = ["_hz", "_khz", "_db", "_deg", "_rad"];
     let cut = suffix
         .iter()
@@ -164,6 +164,7 @@ impl Chosen {
             list.push(wanted(second, named, of));
         }
         let mut read = columns::read(table, &list)?;
+        self.of_a_response(table, &list)?;
         let mut remarks = columns::remarks(&read);
         let understood = columns::understood(table, &list, &read, None);
         let b = self.second.is_some().then(|| read.pop()).flatten();
@@ -206,16 +207,75 @@ impl Chosen {
             .collect();
         remarks.extend(without_zeros(&mut values));
         let assumed = self.polar && b.is_none() && a.by == columns::By::Nothing;
+        let assumed = assumed.then(|| a.name.clone());
+        let mut weight = (read.len() > 2).then(|| read.remove(2).values);
+        let mut frequency = read.remove(0).values;
+        if upwards(&mut frequency, &mut values, weight.as_mut()) {
+            remarks.push("frequencies fall from row to row: read from the last one".to_owned());
+        }
         Ok(Response {
-            assumed: assumed.then(|| a.name.clone()),
+            assumed,
             values,
             phased: b.is_some(),
-            weight: (read.len() > 2).then(|| read.remove(2).values),
-            frequency: read.remove(0).values,
+            weight,
+            frequency,
             remarks,
             understood,
         })
     }
+}
+
+impl Chosen {
+    /// That no size is in a unit that none has: a response is of anything over anything, but no time, no frequency, and no level where
+    /// a ratio is wanted; its two parts are in one unit, so that a phase is no imaginary part.
+    fn of_a_response(&self, table: &columns::Table, list: &[Wanted]) -> Result<(), Error> {
+        let said = |named: &Named| {
+            let place = table.place(named.name()).ok()?;
+            table.own_unit(place)
+        };
+        for want in list.iter().filter(|w| w.of.contains(&RATIO)) {
+            if let Some((of, unit)) = said(want.named)
+                && ([TIME, FREQUENCY].contains(&of) || of == LEVEL && !want.of.contains(&LEVEL))
+            {
+                let message = format!(
+                    "its name says {unit}, which is no unit for {}; accepted is a ratio, or a size over what drives it",
+                    want.option
+                );
+                return Err(table.error(want.named.name(), message));
+            }
+        }
+        let Some(second) = self.second.as_ref().filter(|_| !self.polar) else {
+            return Ok(());
+        };
+        let units = [said(&self.first), said(second)].map(|unit| unit.map(|(_, unit)| unit));
+        if units[0] == units[1] {
+            return Ok(());
+        }
+        let [real, imaginary] = units.map(|unit| unit.unwrap_or("no unit"));
+        let message = format!(
+            "its name says {imaginary}, and that of the real part, {}, {real}; accepted are two parts in one unit: is it a phase \
+             (--magnitude, --phase)?",
+            self.first.name()
+        );
+        Err(table.error(second.name(), message))
+    }
+}
+
+/// Turns a response that was swept downwards round; whether it was.
+fn upwards(
+    frequency: &mut [f64],
+    values: &mut [Complex<f64>],
+    weight: Option<&mut Vec<f64>>,
+) -> bool {
+    let falls = frequency.len() > 2 && frequency.windows(2).all(|w| w[1] < w[0]);
+    if falls {
+        frequency.reverse();
+        values.reverse();
+        if let Some(weight) = weight {
+            weight.reverse();
+        }
+    }
+    falls
 }
 
 /// Takes the value of points at which the response is zero: none is that to the last digit, a reading that was lost is, and a narrow mode would

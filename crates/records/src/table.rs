@@ -77,7 +77,7 @@ impl Table {
         }
         if let Some(what) = binary(&bytes) {
             let message = format!(
-                "is {what}; accepted is text, Parquet, or .mat up to version 7: columns of numbers"
+                "is {what}; accepted is text, Parquet, or .mat of version 5 to 7: columns of numbers"
             );
             return Err(refuse(None, message));
         }
@@ -94,7 +94,7 @@ impl Table {
         }
         if let Some((line, code)) = not_text(&text) {
             let message = format!(
-                "has a character of number {code}, which no text has; accepted is text, Parquet, or .mat up to version 7"
+                "has a character of number {code}, which no text has; accepted is text, Parquet, or .mat of version 5 to 7"
             );
             return Err(refuse(Some(line), message));
         }
@@ -409,6 +409,8 @@ fn binary(bytes: &[u8]) -> Option<&'static str> {
         [b'M', b'A', b'T', b'L', b'A', b'B', b' ', ..] => {
             Some("a MATLAB file of version 7.3 (save it with '-v7')")
         }
+        // A matrix's type, one of a few, in 32 bits: no text has three zeros.
+        [0..=52, 0, 0, 0, ..] => Some("a MATLAB file of version 4 (save it with '-v7')"),
         [0x89, b'H', b'D', b'F', ..] => Some("an HDF5 file (.mat of version 7.3 among them)"),
         [b'P', b'K', 3, 4, ..] => Some("a ZIP archive or a spreadsheet"),
         [0x1f, 0x8b, ..] => Some("a compressed file (gzip)"),

@@ -124,14 +124,33 @@ pub(crate) fn unit_of(dimensions: &[Dimension], name: &str) -> Option<(Dimension
         .find_map(|dimension| Some((*dimension, dimension.unit(name)?.0)))
 }
 
-/// What a column's name ends with, in brackets or behind an underscore.
+/// What a column's name ends with, in brackets, behind a stroke or behind an underscore.
 pub(crate) fn ending(name: &str) -> Option<&str> {
     let bracketed = name
         .strip_suffix([']', ')'])
         .and_then(|rest| rest.rsplit_once(['[', '(']))
         .map(|(_, unit)| unit);
-    let suffix = bracketed.or_else(|| name.rsplit_once('_').map(|(_, unit)| unit))?;
+    let suffix = bracketed
+        .or_else(|| over_unit(name).map(|(_, unit)| unit))
+        .or_else(|| name.rsplit_once('_').map(|(_, unit)| unit))?;
     Some(suffix.trim())
+}
+
+/// A quantity over its unit, as tables and axes are headed by ISO 80000: `U / V`, `x/um`. What stands above the stroke is a symbol:
+/// `v_mm/s` and `um/V` are units by themselves.
+fn over_unit(name: &str) -> Option<(&str, &str)> {
+    let of_a_symbol = |(symbol, _): &(&str, &str)| {
+        let is_unit = unit_of(&DIMENSIONS, symbol).is_some() || OTHER_UNITS.contains(symbol);
+        !symbol.is_empty() && !symbol.contains(['_', ' ', '/']) && !is_unit
+    };
+    name.split_once(" / ")
+        .or_else(|| name.split_once('/').filter(of_a_symbol))
+}
+
+/// A column's name without a unit in brackets or behind a stroke.
+pub(crate) fn without_unit(name: &str) -> &str {
+    let cut = name.split(['[', '(']).next().unwrap_or_default().trim();
+    over_unit(cut).map_or(cut, |(symbol, _)| symbol.trim())
 }
 
 /// A unit that the name of a column of lengths, forces or volts ends with, but none of ours: what is in it is not SI.

@@ -47,6 +47,24 @@ pub struct Read {
     pub timed: bool,
 }
 
+/// A path that is wanted, and no voltages.
+#[derive(Debug, Clone)]
+pub struct WantedPath {
+    /// Seconds.
+    pub time: Vec<f64>,
+    /// Micrometres.
+    pub wanted: Vec<f64>,
+    /// How the file was read, in words.
+    pub understood: String,
+    /// What was done to it.
+    pub remarks: Vec<String>,
+    /// Whether it says how long its samples are apart.
+    pub timed: bool,
+}
+
+/// What is said of a record without times.
+const UNTIMED: &str = "no column of time: samples are taken to be a second apart";
+
 /// Time, displacement and voltage.
 type Samples = (Vec<f64>, Vec<f64>, Vec<f64>);
 
@@ -197,9 +215,9 @@ impl Data {
         remarks.extend(columns::remarks(&read[2..]));
         let even = columns::on_even_grid(&self.path, &read, 100)?;
         remarks.extend(even.remarks());
-        let timed = found.time.is_some() || self.rate.is_some() || self.table.period().is_some();
+        let timed = self.is_timed(&found);
         if !timed {
-            remarks.push("no column of time: samples are taken to be a second apart".to_owned());
+            remarks.push(UNTIMED.to_owned());
         }
         let uneven =
             matches!(even.clock, Clock::Stamps) && even.jitter > 0.5 || even.gaps > FEW_GAPS;
@@ -234,6 +252,27 @@ impl Data {
             remarks,
             timed,
         })
+    }
+
+    /// Whether the file says how long its samples are apart.
+    fn is_timed(&self, found: &Columns) -> bool {
+        found.time.is_some() || self.rate.is_some() || self.table.period().is_some()
+    }
+
+    /// That samples have times where those of a model's record had: it creeps and lags by seconds, which a sample a second apart is
+    /// none of.
+    ///
+    /// # Errors
+    ///
+    /// When they have none.
+    pub fn timed_as(&self, model: &Columns, timed: bool) -> Result<(), Error> {
+        let Some(time) = model.time.as_ref().filter(|_| !timed) else {
+            return Ok(());
+        };
+        let message = format!(
+            "no column of time is known, and the model was made of a record that had one, {time}; accepted is --time, or --rate"
+        );
+        Err(self.table.error("--time", message))
     }
 
     /// The longest stretch of an even record, without what no motion makes.
@@ -407,26 +446,41 @@ impl Data {
         Ok(())
     }
 
-    /// A path without voltages: its times, seconds, and displacements, micrometres.
+    /// A path without voltages.
     ///
     /// # Errors
     ///
     /// When a column is missing, is not of numbers, or there are no rows.
-    pub fn path(
-        &self,
-        columns: &Columns,
-        unit: Option<LengthUnit>,
-    ) -> Result<(Vec<f64>, Vec<f64>), Error> {
-        let (_, _, mut read, _) = self.with_time(columns, unit, true)?;
+    pub fn path(&self, columns: &Columns, unit: Option<LengthUnit>) -> Result<WantedPath, Error> {
+        let (found, _, mut read, understood) = self.with_time(columns, unit, true)?;
         columns::rising(&self.path, &read[0])?;
+        let timed = self.is_timed(&found);
+        let mut remarks = columns::remarks(&read[..1]);
+        if !timed {
+            remarks.push(UNTIMED.to_owned());
+        }
         let output = read.pop().unwrap_or_else(|| read[0].clone()).values;
         let time = read.swap_remove(0).values;
+        let rows = time.len();
         let whole = |(t, x): &(f64, f64)| t.is_finite() && x.is_finite();
-        Ok(time
+        let (time, wanted): (Vec<f64>, Vec<f64>) = time
             .into_iter()
             .zip(output.into_iter().map(|x| 1e6 * x))
             .filter(whole)
-            .unzip())
+            .unzip();
+        if time.len() < rows {
+            let missing = counted(rows - time.len(), "row");
+            remarks.push(format!(
+                "{missing} without a time or a displacement left out: no voltage is told for them"
+            ));
+        }
+        Ok(WantedPath {
+            time,
+            wanted,
+            understood,
+            remarks,
+            timed,
+        })
     }
 
     /// An error about a record, in the names of its file.

@@ -3,7 +3,7 @@
 mod data;
 mod lost;
 
-pub use data::{Columns, Data, Read};
+pub use data::{Columns, Data, Read, WantedPath};
 
 use crate::columns::LengthUnit;
 use pigtail_control::compensation::hysteresis::{
@@ -472,6 +472,34 @@ pub fn voltages(model: &Model, time: Vec<f64>, wanted: Vec<f64>) -> Inverted {
     }
 }
 
+impl Inverted {
+    /// By how much a path goes further than a model ever did, micrometres over micrometres: no voltage of its range brings a piezo
+    /// there.
+    pub fn too_far(model: &Model, wanted: &[f64]) -> Option<(f64, f64)> {
+        /// Of the model's range: what creep adds to it.
+        const SHARE: f64 = 0.02;
+        let (path, own) = (Range::of(wanted).width(), ranges(model).1.width());
+        (path > (1.0 + SHARE) * own).then_some((path, own))
+    }
+
+    /// That a path is not reached where the voltage stands at an end of its range.
+    pub fn at_ends(&self, model: &Model) -> Option<String> {
+        let (input, _) = ranges(model);
+        let often = self.volts.iter();
+        let often = often
+            .filter(|v| **v <= input.low || **v >= input.high)
+            .count();
+        (often > 0).then(|| {
+            format!(
+                "{often} of {} voltages stand at an end of the model's {:.3} to {:.3} V: the path is not reached there",
+                self.volts.len(),
+                input.low,
+                input.high
+            )
+        })
+    }
+}
+
 /// The voltages for the displacements of a record, beside those that were there. An error of the
 /// voltage counts as the displacement that it makes by the straight line through the record.
 pub fn voltages_of(model: &Model, record: Record) -> (Tried, Inverted) {
@@ -509,6 +537,11 @@ pub fn voltages_of(model: &Model, record: Record) -> (Tried, Inverted) {
         );
         document.offset_um = tried.document.offset_um;
         document.rms_v = Some(rounded(errors.rms, 1e-6));
+        // What its account of the displacement showed is so for the voltage, too.
+        document.remarks = std::mem::take(&mut tried.document.remarks);
+        if document.doubt.is_empty() {
+            document.doubt = std::mem::take(&mut tried.document.doubt);
+        }
         tried.document = document;
     }
     let inverted = Inverted {
@@ -517,6 +550,7 @@ pub fn voltages_of(model: &Model, record: Record) -> (Tried, Inverted) {
         volts,
         offset,
     };
+    tried.document.remarks.extend(inverted.at_ends(model));
     (tried, inverted)
 }
 

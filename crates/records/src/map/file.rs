@@ -1,7 +1,7 @@
 //! A map as it stands in a file: places and powers in rows, or a matrix.
 
 use super::{Columns, Map, PlaceUnit, PowerUnit};
-use crate::columns::{Gaps, OTHER_UNITS, Table, foreign};
+use crate::columns::{Gaps, OTHER_UNITS, Table, foreign, without_unit};
 use pigtail_hal::Error;
 use pigtail_hal::quantity::LENGTH;
 use pigtail_model::frames::Displacement;
@@ -34,13 +34,7 @@ const NAMES: [&[&str]; 3] = [
 fn usual(table: &Table, role: usize) -> Option<usize> {
     let names = table.names();
     let bare = |k: &usize| {
-        let low = names[*k].to_lowercase();
-        let cut = low
-            .split(['[', '('])
-            .next()
-            .unwrap_or_default()
-            .trim()
-            .to_owned();
+        let cut = without_unit(&names[*k]).to_lowercase();
         let unit = table.unit_text(*k).map(str::to_lowercase);
         let without = unit.and_then(|u| cut.strip_suffix(&format!("_{u}")).map(str::to_owned));
         NAMES[role].contains(&&*cut) || without.is_some_and(|w| NAMES[role].contains(&&*w))

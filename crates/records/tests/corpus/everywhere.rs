@@ -365,7 +365,8 @@ fn every_command_reads_every_file() {
         &[("u", "mV", &|t: f64| 100.0 * (40.0 * t).sin())],
     );
     let make: Made = |path, _| {
-        let read = input::read(path, Kind::Voltage, None).map_err(|e| e.to_string())?;
+        let read = input::read(path, Kind::Voltage, &input::Chosen::default())
+            .map_err(|e| e.to_string())?;
         Ok(read.rows.into_iter().flat_map(|(t, v)| [t, v]).collect())
     };
     wrong.extend(alike("simulate", &table, make, 1e-5));
@@ -456,14 +457,14 @@ fn binary_files_that_are_broken_are_refused() {
     for good in [parquet(&names, &columns), mat(&names, &columns)] {
         for cut in (8..good.len()).step_by(97) {
             fs::write(&path, &good[..cut]).expect("a file");
-            let _ = input::read(&path, Kind::Voltage, None);
+            let _ = input::read(&path, Kind::Voltage, &input::Chosen::default());
             let mut turned = good.clone();
             turned[cut] ^= 0xa5;
             fs::write(&path, turned).expect("a file");
-            let _ = input::read(&path, Kind::Voltage, None);
+            let _ = input::read(&path, Kind::Voltage, &input::Chosen::default());
         }
         fs::write(&path, &good[..good.len() / 2]).expect("a file");
-        assert!(input::read(&path, Kind::Voltage, None).is_err());
+        assert!(input::read(&path, Kind::Voltage, &input::Chosen::default()).is_err());
     }
     assert!(File::open(&path).is_ok());
 }

@@ -506,7 +506,7 @@ fn what_drives_a_simulation_is_read_right_or_refused() {
     let mut wrong = Vec::new();
     for (name, content, kind, wanted) in DRIVING {
         fs::write(&path, content).expect("a file");
-        match (input::read(&path, *kind, None), wanted) {
+        match (input::read(&path, *kind, &input::Chosen::default()), wanted) {
             (Err(error), None) => eprintln!("refused {name}: {error}"),
             (Err(error), Some(_)) => wrong.push(format!("{name}: {error}")),
             (Ok(read), wanted) => {

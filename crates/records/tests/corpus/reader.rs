@@ -202,6 +202,15 @@ fn habits_of_other_tools_are_read_or_refused_in_words() {
         .replace('\n', "\"\n\"");
     let quoted = format!("\"{inner}\"\n");
     assert_eq!(read(&quoted, "q_m").expect("a record").record, good);
+    // Symbols over units, as by ISO 80000; a delimiter behind each row's last field.
+    let symbols = plain.replacen("t_s,r_m,q_m,u_V", "t/s,r / m,q / m,u_V", 1);
+    assert_eq!(read(&symbols, "q / m").expect("a record").record, good);
+    assert_eq!(
+        read(&plain.replace('\n', ",\n"), "q_m")
+            .expect("a record")
+            .record,
+        good
+    );
     let (head, rows) = plain.split_once('\n').expect("rows");
     let refused = [
         (

@@ -21,6 +21,7 @@ mod clipped;
 mod controller;
 mod doubtful;
 mod equations;
+mod injected;
 mod motion;
 mod other;
 mod record;
@@ -226,6 +227,7 @@ pub fn identify(
     let mut unknown = check::excitation(&mut columns, moved, set)?;
     unknown.extend(of_another_scale(stamped, controller.as_ref()));
     let smeared = smeared::smeared(&columns);
+    let shared = injected::shared(record, moved, set, &columns);
     let (keep, cut) = believed((&mut columns, &lost), record, set, &mut remarks)?;
     let second = second.map(|r| Equations {
         one_way: columns.one_way,
@@ -256,6 +258,9 @@ pub fn identify(
     bent::bent(&columns, cut, &mut variants, &mut unknown, &mut remarks);
     remarks.extend(slides::unsteady(&columns, &mut variants, &mut unknown));
     remarks.extend(agree::agree(&columns, &mut variants));
+    if let Some(shared) = shared {
+        shared.widen(&mut variants, &mut unknown, &mut remarks);
+    }
     let supported = supported(&variants);
     let noise = check::acceleration_noise(moved, set);
     let (all, unknowns) = (&mut variants, &mut unknown);
