@@ -222,6 +222,12 @@ pub(crate) struct Scatter {
 }
 
 impl Scatter {
+    /// Of columns that depend on each other: what they say of each is open.
+    const OPEN: Self = Self {
+        std: f64::INFINITY,
+        freedom: 1.0,
+    };
+
     /// Wider by Student's quantile over the normal one, so that 1.96 of it hold what 95 % are.
     pub(crate) fn widened(&self) -> f64 {
         student(self.freedom) * self.std
@@ -248,11 +254,11 @@ pub(crate) fn clustered(
     let own = z.tr_mul(z);
     let scale = DMatrix::from_diagonal(&own.diagonal().map(|v| 1.0 / v.max(1e-300).sqrt()));
     let Some(root) = (&scale * own * &scale).cholesky().map(|c| c.l()) else {
-        return vec![Scatter::default(); p];
+        return vec![Scatter::OPEN; p];
     };
     let back = bread * DMatrix::from_diagonal(&scale.diagonal().map(|s| 1.0 / s)) * &root;
     let Some(turn) = root.try_inverse().map(|inverse| inverse * &scale) else {
-        return vec![Scatter::default(); p];
+        return vec![Scatter::OPEN; p];
     };
     let batches = batches(residuals, shortest);
     let longest = (residuals.len() / FEWEST).max(1);

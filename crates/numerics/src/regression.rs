@@ -239,7 +239,10 @@ fn solve(
     let inverse = unit.try_inverse()?;
     let bread = DMatrix::from_fn(p, p, |i, j| inverse[(i, j)] / (scale[i] * own[j]));
     let covariance = &bread * (z.tr_mul(z) * variance) * bread.transpose();
-    solution.std = (0..p).map(|j| covariance[(j, j)].max(0.0).sqrt()).collect();
+    // Of columns that depend on each other rounding may make it anything: then nothing is known, rather than all.
+    let open = |v: f64| v < 0.0 || v == 0.0 && variance > 0.0;
+    let deviation = |v: f64| if open(v) { f64::INFINITY } else { v.sqrt() };
+    solution.std = (0..p).map(|j| deviation(covariance[(j, j)])).collect();
     if let Some(batch) = batch {
         let scatter = clustered(x, z, &solution.residuals, &bread, batch);
         solution.std_correlated = scatter.iter().map(Scatter::widened).collect();
@@ -458,6 +461,22 @@ mod tests {
         }
         let ratio = (told / squares).sqrt();
         assert!((0.8..1.4).contains(&ratio), "{ratio}");
+    }
+
+    #[test]
+    fn of_columns_that_depend_on_each_other_nothing_is_known() {
+        let a: Vec<f64> = (0..200).map(|k| (0.3 * f64::from(k)).sin()).collect();
+        let b: Vec<f64> = (0..200)
+            .map(|k| (0.3 * f64::from(k)).sin() + 1e-11 * f64::from(k % 7))
+            .collect();
+        let y: Vec<f64> = (0..200)
+            .map(|k| a[k as usize] + 0.01 * f64::from(k * 37 % 11 - 5))
+            .collect();
+        if let Some(found) = least_squares(&matrix(&[&a, &b]), &y) {
+            for (std, correlated) in found.std.iter().zip(&found.std_correlated) {
+                assert!(*std > 1e3 && *correlated > 1e3, "{found:?}");
+            }
+        }
     }
 
     #[test]
