@@ -396,12 +396,12 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
     })
 }
 
-/// That nothing is known of a delay that is unsure by more than a third of it, and by more than a third of a radian at the highest
-/// frequency (`top`, rad/s): none at all may be known well.
+/// That nothing is known of a delay that is unsure by more than itself, and by more than a third of a radian at the highest frequency
+/// (`top`, rad/s): none at all may be known well.
 fn vague(delay: &Known, top: f64) -> Option<Unknown> {
-    const THIRD: f64 = 1.0 / 3.0;
+    const MUCH: f64 = 1.0 / 3.0;
     let std = delay.std_correlated;
-    (std > THIRD * delay.value.abs() && std * top > THIRD).then(|| Unknown {
+    (std > delay.value.abs() && std * top > MUCH).then(|| Unknown {
         parameters: vec!["delay"],
         because: format!(
             "what it says of a delay is {:.2e} s with a standard deviation of {std:.2e} s, as a filter about the highest frequency turns \
@@ -422,8 +422,10 @@ fn delay_spread(record: &Record, coded: &[f64]) -> f64 {
     let least = left(record, coded);
     let points = independent(&record.residuals(coded));
     let mut spread = 0.0_f64;
-    // One of so many parameters more that tells it better than chance would is the one to ask: where a filter's pole turns each mode's
-    // residue, and nobody looked for that, modes of proportional damping tell a delay all the more surely, and another one.
+    // Of those of more parameters that tell it better than chance would, the one that the Bayesian information criterion asks for: where a
+    // filter's pole turns each mode's residue, and nobody looked for that, modes of proportional damping tell a delay all the more
+    // surely, and another one.
+    let mut asked: Option<(f64, f64)> = None;
     let mut by_model = |model: &dyn Fn(&[f64]) -> Vec<f64>, other: &[f64], more: usize| {
         let known = uncertainty_of_points(model, other);
         let Some(known) = known.map(|s| s.std[at].max(s.std_correlated[at])) else {
@@ -432,7 +434,10 @@ fn delay_spread(record: &Record, coded: &[f64]) -> f64 {
         let off = (other[at] - own).abs();
         let gained = points * (least / squares(&model(other))).ln();
         if more > 0 && gained > chi_squared(more as f64) {
-            spread = spread.max(off.hypot(known));
+            let worth = gained - more as f64 * points.ln();
+            if asked.is_none_or(|(most, _)| worth > most) {
+                asked = Some((worth, off.hypot(known)));
+            }
         } else if off > ANOTHER * known {
             spread = spread.max(off);
         }
@@ -480,7 +485,7 @@ fn delay_spread(record: &Record, coded: &[f64]) -> f64 {
             spread = spread.max((found - own).abs());
         }
     }
-    spread
+    asked.map_or(spread, |(_, by)| spread.max(by))
 }
 
 /// What is left where all of a model went through a filter of one pole: its last number is how many times the highest frequency lies
