@@ -147,8 +147,10 @@ pub(super) fn doubts(record: &Record, chosen: &Fitted) -> Vec<Unknown> {
     }
     for (name, known) in law.parameters().iter().zip(&chosen.known) {
         let offset = *name == "offset" || *name == "viscous_friction";
-        let loose = known.std_correlated > LOOSE * known.value.abs();
-        if !offset && loose && !unknown.iter().any(|u: &Unknown| u.covers(name)) {
+        // An offset may be none, and is known all the same.
+        let open = !known.std_correlated.is_finite();
+        let loose = !offset && known.std_correlated > LOOSE * known.value.abs();
+        if (open || loose) && !unknown.iter().any(|u: &Unknown| u.covers(name)) {
             unknown.push(Unknown {
                 parameters: vec![name],
                 because: format!(
