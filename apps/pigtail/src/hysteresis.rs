@@ -472,7 +472,10 @@ fn path_alone(
     let text = if arguments.json {
         format!("{document}\n")
     } else {
-        let notes: String = remarks.iter().map(|r| format!("Note: {r}\n")).collect();
+        let mut notes = String::new();
+        for remark in &remarks {
+            let _ = writeln!(notes, "Note: {remark}");
+        }
         format!(
             "Read: {}\n{} voltages by the model `{}`, the path moved by {:.3} um\n{notes}Voltages: {}\nReport: {}\n",
             path.understood,

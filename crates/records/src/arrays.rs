@@ -117,11 +117,11 @@ pub(crate) fn parquet(file: File) -> Result<Arrays, String> {
             columns[k].push(value);
         }
     }
-    for k in 0..count {
+    for (k, column) in columns.iter_mut().enumerate() {
         if let Some(moments) = old_moments(&reader, k).map_err(bad)? {
             let zero = moments.iter().copied().flatten().next();
             let from = |v: i64| (i128::from(v) - i128::from(zero.unwrap_or(v))) as f64 * 1e-9;
-            columns[k] = moments
+            *column = moments
                 .into_iter()
                 .map(|m| m.map_or(f64::NAN, from))
                 .collect();

@@ -46,8 +46,10 @@ pub use variant::{Friction, Method, Variant};
 
 use believed::{believed, enough};
 use equations::{Equations, Moved, rate};
+use injected::Shared;
 use record::{POSITION, REFERENCE, VOLTAGE, cleaned};
 use settings::quiet;
+use smeared::Smeared;
 use variants::variants;
 
 use super::{Account, Known, Parameter, Unknown};
@@ -258,15 +260,10 @@ pub fn identify(
     bent::bent(&columns, cut, &mut variants, &mut unknown, &mut remarks);
     remarks.extend(slides::unsteady(&columns, &mut variants, &mut unknown));
     remarks.extend(agree::agree(&columns, &mut variants));
-    if let Some(shared) = shared {
-        shared.widen(&mut variants, &mut unknown, &mut remarks);
-    }
     let supported = supported(&variants);
     let noise = check::acceleration_noise(moved, set);
     let (all, unknowns) = (&mut variants, &mut unknown);
-    if let Some(smeared) = smeared {
-        smeared.widen(supported, all, unknowns, &mut remarks);
-    }
+    less_sure((shared, smeared), supported, all, unknowns, &mut remarks);
     smoothed::smoothed((&columns, noise), supported, all, unknowns, &mut remarks);
     let first = &variants[0];
     check::uncertain(first, &columns, &mut unknown);
@@ -293,6 +290,22 @@ pub fn identify(
         skew: skew.at_start * record.even.period,
         columns,
     })
+}
+
+/// Makes parameters less sure by what an injected column's own share and a smeared step of friction change.
+fn less_sure(
+    (shared, smeared): (Option<Shared>, Option<Smeared>),
+    supported: Method,
+    variants: &mut [Variant],
+    unknown: &mut Vec<Unknown>,
+    remarks: &mut Vec<String>,
+) {
+    if let Some(shared) = shared {
+        shared.widen(variants, unknown, remarks);
+    }
+    if let Some(smeared) = smeared {
+        smeared.widen(supported, variants, unknown, remarks);
+    }
 }
 
 /// What is not known has no value.
