@@ -15,6 +15,10 @@ use std::borrow::Cow;
 /// Least tolerance of a column beside the others: what was added tells its own share only where the controller does not make up for it.
 const OWN: f64 = 1e-3;
 
+/// A scale that is off by less than this nobody states better, and it pulls no parameter by more: what seems to be a share of so little is
+/// another one's doing.
+const WORTH: f64 = 0.01;
+
 /// What equations say beside a share of what was injected.
 #[derive(Debug)]
 pub(super) struct Shared {
@@ -45,7 +49,8 @@ pub(super) fn shared(
     }
     let solution = least_squares(&x, &slides.force)?;
     let more = [*solution.values.last()?, *solution.std_correlated.last()?];
-    (more[0].abs() > SURELY * more[1]).then_some(Shared { solution, more })
+    let surely = more[0].abs() > WORTH.max(SURELY * more[1]);
+    surely.then_some(Shared { solution, more })
 }
 
 impl Shared {
