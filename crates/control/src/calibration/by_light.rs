@@ -25,7 +25,7 @@ impl MicroDynamics {
     }
 }
 
-/// How a micro swings, as it was measured; what goes by it counts in place of what [`MicroGeometry`] says.
+/// How a micro swings, as it was measured; what goes by it counts in place of what [`MicroGeometry`](super::MicroGeometry) says.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DynamicsBelief {
