@@ -28,8 +28,8 @@ pub struct PidState {
     last: Option<f64>,
     /// The reference of the cycle before, and for how many cycles it has stood there.
     stands: (Counts, u32),
-    /// On which side of its reference the axis was last that stood there, and how often it has gone to the other.
-    swings: (i64, u32),
+    /// On which side of its reference the axis was last that stood there, when that was, and how often it has gone to the other at once.
+    swings: (i64, u32, u32),
     /// How many times as large as they were found all gains are.
     share: f64,
 }
@@ -40,7 +40,7 @@ impl Default for PidState {
             integral: 0.0,
             last: None,
             stands: (Counts(0), 0),
-            swings: (0, 0),
+            swings: (0, 0, 0),
             share: 1.0,
         }
     }
@@ -66,21 +66,27 @@ impl PidState {
     /// are made less then, here and at once, for whoever comes near to a chip with such an axis touches it. `counts` is its error, for
     /// `still` cycles since its reference has moved.
     #[inline]
-    fn watch_rest(&mut self, counts: i64, still: u32) {
+    fn watch_rest(&mut self, counts: i64, still: u32, period: f64) {
         if still == 0 {
-            self.swings = (0, 0);
+            self.swings = (0, 0, 0);
         } else if counts.abs() >= i64::from(TUNING.swing.beyond) {
-            self.add_swing(counts.signum());
+            self.add_swing(counts.signum(), still, period);
         }
     }
 
-    /// It is on this side of its reference now.
-    fn add_swing(&mut self, side: i64) {
-        let (before, times) = self.swings;
-        self.swings = (side, if side == -before { times + 1 } else { times });
-        if self.swings.1 >= TUNING.swing.often && self.share > TUNING.swing.least {
+    /// It is on this side of its reference now. What pushes it to and fro now and then is no swing.
+    fn add_swing(&mut self, side: i64, now: u32, period: f64) {
+        let (before, since, times) = self.swings;
+        let at_once = f64::from(now - since) * period <= TUNING.swing.within;
+        let times = match side == -before {
+            true if at_once => times + 1,
+            true => 0,
+            false => times,
+        };
+        self.swings = (side, now, times);
+        if times >= TUNING.swing.often && self.share > TUNING.swing.least {
             self.share *= TUNING.swing.gentler;
-            self.swings = (side, 0);
+            self.swings = (side, now, 0);
         }
     }
 }
@@ -155,7 +161,7 @@ impl Pid {
         };
         state.stands = (reference, still);
         if self.gentle {
-            state.watch_rest(counts, still);
+            state.watch_rest(counts, still, self.period);
         }
         if still < self.hold || counts.abs() > HELD {
             state.integral = (state.integral + error * self.period)
@@ -250,6 +256,20 @@ mod tests {
             (0.3..1.0).contains(&share) && farthest <= 2,
             "{share} {farthest}"
         );
+    }
+
+    #[test]
+    fn an_axis_that_is_pushed_to_and_fro_now_and_then_keeps_its_gains() {
+        let pid = Pid::new(&gains(0.4, 0.0, 2.5e-3), 12.0, 4e-4).gentle();
+        let mut state = PidState::default();
+        for push in 0..100 {
+            let side = if push % 2 == 0 { 6 } else { -6 };
+            for cycle in 0..250 {
+                let at = if cycle < 5 { side } else { 0 };
+                pid.voltage(&mut state, Counts(0), Counts(at));
+            }
+        }
+        assert_eq!(state.share(), 1.0);
     }
 
     #[test]

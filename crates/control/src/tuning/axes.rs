@@ -10,6 +10,8 @@ topic! {
         /// So many ways from one side to the other are no ringing that dies away: one that makes them beyond four counts and had begun at forty
         /// is damped by less than 0.09.
         often: u32 = 8, "ways", Choice;
+        /// A way to the other side that takes longer is none of a loop that swings: something else has pushed the axis.
+        within: f64 = 0.05, "s", Choice;
         /// By what its gains are made less then, as in commissioning.
         gentler: f64 = 0.8, "1", Choice;
         /// Gains that are less than this share of what they were are not made less: it is not they.
