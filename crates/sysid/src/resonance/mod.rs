@@ -16,6 +16,7 @@
 
 mod alike;
 mod averaged;
+mod delay;
 mod magnitude;
 mod record;
 mod rows;
@@ -24,16 +25,14 @@ mod search;
 pub use record::Record;
 
 use self::alike::Sides;
+use self::delay::{delay_spread, vague};
 use self::record::ASIDE;
-use self::search::{
-    Found, extend_pole, pruned, search, squares, without_idle_modes, without_idle_poles,
-};
+use self::search::{Found, pruned, search, without_idle_modes, without_idle_poles};
 use super::{Known, Parameter, Unknown};
-use crate::steady::chi_squared;
 use nalgebra::Complex;
 use pigtail_numerics::nonlinear::{minimise, uncertainty_of_points};
 use pigtail_numerics::regression::{Solution, least_squares};
-use pigtail_numerics::signal::{independent, quantile};
+use pigtail_numerics::signal::quantile;
 use std::f64::consts::{PI, TAU};
 
 /// Most modes.
@@ -394,138 +393,6 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
             .collect(),
         set_aside: Vec::new(),
     })
-}
-
-/// That nothing is known of a delay that is unsure by more than itself, and by more than a third of a radian at the highest frequency
-/// (`top`, rad/s): none at all may be known well.
-fn vague(delay: &Known, top: f64) -> Option<Unknown> {
-    const MUCH: f64 = 1.0 / 3.0;
-    let std = delay.std_correlated;
-    (std > delay.value.abs() && std * top > MUCH).then(|| Unknown {
-        parameters: vec!["delay"],
-        because: format!(
-            "what it says of a delay is {:.2e} s with a standard deviation of {std:.2e} s, as a filter about the highest frequency turns \
-             the phase as well",
-            delay.value
-        ),
-    })
-}
-
-/// How far the delay moves with what nobody knows of the model, as it is searched: whether modes are of proportional
-/// damping, a real pole more or less, the lower or the upper half of the points alone.
-fn delay_spread(record: &Record, coded: &[f64]) -> f64 {
-    /// Deviations of its own by which another delay is another one: what hardly tells a delay says nothing against it.
-    const ANOTHER: f64 = 2.0;
-    let at = 2 * record.modes(coded);
-    let own = coded[at];
-    let left = |record: &Record, coded: &[f64]| squares(&record.residuals(coded));
-    let least = left(record, coded);
-    let points = independent(&record.residuals(coded));
-    let mut spread = 0.0_f64;
-    // Of those of more parameters that tell it better than chance would, the one that the Bayesian information criterion asks for: where a
-    // filter's pole turns each mode's residue, and nobody looked for that, modes of proportional damping tell a delay all the more
-    // surely, and another one.
-    let mut asked: Option<(f64, f64)> = None;
-    let mut by_model = |model: &dyn Fn(&[f64]) -> Vec<f64>, other: &[f64], more: usize| {
-        let known = uncertainty_of_points(model, other);
-        let Some(known) = known.map(|s| s.std[at].max(s.std_correlated[at])) else {
-            return;
-        };
-        let off = (other[at] - own).abs();
-        let gained = points * (least / squares(&model(other))).ln();
-        if more > 0 && gained > chi_squared(more as f64) {
-            let worth = gained - more as f64 * points.ln();
-            if asked.is_none_or(|(most, _)| worth > most) {
-                asked = Some((worth, off.hypot(known)));
-            }
-        } else if off > ANOTHER * known {
-            spread = spread.max(off);
-        }
-    };
-    let turned = Record {
-        skewed: !record.skewed,
-        ..record.clone()
-    };
-    if let Some((other, _)) = minimise(|c| turned.residuals(c), coded) {
-        // A model that tells much worse says nothing.
-        if left(&turned, &other) < 2.0 * least {
-            let modes = if turned.skewed { at / 2 } else { 0 };
-            by_model(&|c| turned.residuals(c), &other, modes);
-        }
-    }
-    let more = record.with_poles(record.poles + 1);
-    if let Some(other) = extend_pole(&more, coded) {
-        by_model(&|c| more.residuals(c), &other, 2);
-    }
-    let filtered = |c: &[f64]| behind_a_filter(record, c);
-    if let Some(other) = a_filter(&filtered, coded, at) {
-        by_model(&filtered, &other, 1);
-    }
-    // With modes and poles as they are, by a part of the points.
-    let n = record.frequency.len();
-    for rows in [0..n / 2, n / 2..n, n / 4..3 * n / 4] {
-        let part = Record {
-            frequency: record.frequency[rows.clone()].to_vec(),
-            response: record.response[rows.clone()].to_vec(),
-            weight: record.weight[rows].to_vec(),
-            ..record.clone()
-        };
-        // The delay is counted by the highest frequency.
-        let scale = part.highest() / record.highest();
-        let residuals = |d: &[f64]| {
-            let mut moved = coded.to_vec();
-            moved[at] = d[0] * scale;
-            part.residuals(&moved)
-        };
-        let known = uncertainty_of_points(residuals, &[own]).map(|s| s.std_correlated[0]);
-        let found = minimise(residuals, &[own]).map(|(d, _)| d[0]);
-        if let (Some(found), Some(known)) = (found, known)
-            && (found - own).abs() > ANOTHER * known
-        {
-            spread = spread.max((found - own).abs());
-        }
-    }
-    asked.map_or(spread, |(_, by)| spread.max(by))
-}
-
-/// What is left where all of a model went through a filter of one pole: its last number is how many times the highest frequency lies
-/// above that.
-///
-/// A sensor's filter or an amplifier turns the phase as a delay does, and a magnitude tells how much of either there is. Of a model as a
-/// sum its pole is one among several, and turns each mode's residue: so many numbers tell hardly what one does.
-fn behind_a_filter(record: &Record, coded: &[f64]) -> Vec<f64> {
-    let Some((above, model)) = coded.split_last() else {
-        return Vec::new();
-    };
-    let before = |k: usize| Complex::new(1.0, above * record.frequency[k] / record.highest());
-    let points = 0..record.frequency.len();
-    let unfiltered = Record {
-        response: points
-            .clone()
-            .map(|k| record.response[k] * before(k))
-            .collect(),
-        // What is left counts as it was measured.
-        weight: points
-            .map(|k| record.weight[k] / before(k).norm())
-            .collect(),
-        ..record.clone()
-    };
-    unfiltered.residuals(model)
-}
-
-/// The numbers of such a model that tell a response best, its filter begun within and above the points.
-fn a_filter(left: &impl Fn(&[f64]) -> Vec<f64>, coded: &[f64], delay: usize) -> Option<Vec<f64>> {
-    const ABOVE: [f64; 2] = [0.3, 1.5];
-    ABOVE
-        .iter()
-        .filter_map(|above| {
-            let mut start = [coded, &[*above][..]].concat();
-            start[delay] -= above;
-            minimise(left, &start)
-        })
-        .filter(|(found, _)| found.last().is_some_and(|above| *above > 0.0))
-        .min_by(|a, b| a.1.total_cmp(&b.1))
-        .map(|(found, _)| found)
 }
 
 /// Where the model's magnitude is highest near each mode, in the order of their frequencies.
