@@ -342,6 +342,31 @@ fn an_axis_that_swings_at_rest_is_held_by_gentler_gains_and_that_is_said() {
     assert_eq!(json["fibers"][0].get("gentler_gains"), None);
 }
 
+/// Micros that the lines of a search have swing by more than a tenth of a millimetre, by 27 ms as they come: the input fibers hit the inclined facet, or the
+/// guard stopped the machine, within the first lines.
+#[test]
+fn a_micro_that_swings_is_seen_from_afar_and_that_is_said() {
+    let folder = TempDir::new().expect("a folder");
+    let fleet = "about = \"micros that hardly come to rest\"\n\n\
+                 [machine.micro]\nresonance = \"38 Hz\"\ndamping = 0.03\n";
+    fs::write(folder.path().join("swings.toml"), fleet).expect("a fleet");
+    let device = ["align", "--fleet", "swings.toml", "--seed", "7100"];
+    let (json, _) = answer(folder.path(), &device);
+    assert_eq!(json["fault"], serde_json::Value::Null, "{json}");
+    assert_eq!(json["collision"], false);
+    let input = &json["fibers"][0];
+    assert_eq!(input["outcome"], "aligned", "{input}");
+    assert_eq!(input["within_tolerance"], true, "{input}");
+    let rests = input["micro_settling_s"].as_f64().expect("seconds");
+    // Four time constants of it are 0.45 s.
+    assert!((0.3..4.1).contains(&rests), "{rests}");
+    let (_, text, _) = pigtail(folder.path(), &device);
+    let said = "input: its micro swings for longer than is believed";
+    assert!(text.contains(said), "{text}");
+    let (json, _) = answer(folder.path(), &["align", "--seed", "7100"]);
+    assert_eq!(json["fibers"][0].get("micro_settling_s"), None);
+}
+
 #[test]
 fn a_fleet_that_is_not_there_is_refused_with_those_that_are() {
     let folder = TempDir::new().expect("a folder");

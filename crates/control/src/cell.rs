@@ -11,7 +11,7 @@ use crate::recipe::Recipe;
 use crate::shaking::Measured;
 use crate::station::{Level, Station, coarse, fine};
 use crate::still_there::attached;
-use crate::tip_estimator::{Seen, Tip, TipEstimator};
+use crate::tip_estimator::{Held, Seen, Tip, TipEstimator};
 use crate::tuning::TUNING;
 use pigtail_hal::bench::{Event, Frame, Knot, Law, Pose, Request};
 use pigtail_hal::spec::{GuardSpec, SIDES};
@@ -103,8 +103,10 @@ impl Listener for AlignmentCell<'_> {
         self.tips.borrow_mut().see(frame, |side, time| {
             let at = bench.pose(coarse(side), time)?.pose;
             let micro = bench.pose(fine(side), time)?.pose;
-            let tip = Point::new(at.x() + micro.x(), at.y() + micro.y(), at.z());
-            Some(self.frame(side).chip_from_macro(tip))
+            let holder = Point::new(at.x(), at.y(), at.z());
+            let tip = holder.moved(Displacement::new(micro.x(), micro.y()));
+            let [holder, tip] = [holder, tip].map(|at| self.frame(side).chip_from_macro(at));
+            Some(Held { holder, tip })
         });
     }
 }
@@ -148,7 +150,7 @@ impl<'b> AlignmentCell<'b> {
 
     /// By when the micro of an arm has come to rest where it was told to be, as believed, seconds.
     pub fn settling(&self, side: Side) -> f64 {
-        self.caps().groups[fine(side).0].settling
+        self.deref().settling(fine(side))
     }
 
     /// The datasheet.
@@ -190,9 +192,9 @@ impl<'b> AlignmentCell<'b> {
         self.layout.hides[side.index()]
     }
 
-    /// Whether it was measured by when a micro comes to rest.
+    /// Whether it is known by when a micro comes to rest: measured, or seen to take longer than its datasheet says.
     pub fn settles(&self, side: Side) -> bool {
-        self.layout.settles[side.index()]
+        self.layout.settles[side.index()] || self.swings(fine(side))
     }
 
     /// By how much the light of the laser has been seen to differ from one turn to the next.
@@ -350,6 +352,29 @@ impl<'b> AlignmentCell<'b> {
             let share = time / seconds;
             from + (to - from) * (share * share * (3.0 - 2.0 * share))
         })
+    }
+
+    /// The lowest resonance of a micro, hertz, where it was measured how it swings.
+    pub fn least_resonance(&self, side: Side) -> Option<f64> {
+        let measured = self.layout.settles[side.index()] && !self.swings(fine(side));
+        measured.then(|| self.caps().groups[fine(side).0].bandwidth / TUNING.dynamics.turns)
+    }
+
+    /// Whether the camera has seen a tip of a side swing farther than it was told to.
+    pub fn is_seen_to_swing(&self, side: Side) -> bool {
+        self.tips.borrow().swing(side).by().is_some()
+    }
+
+    /// By when the micro of a side has come to rest, seconds, as far as the camera has seen it swing and come to rest; how it swings is seen anew from now on.
+    pub fn rests_after_swing(&self, side: Side) -> Option<f64> {
+        let constant = self.tips.borrow().swing(side).time_constant();
+        self.tips.borrow_mut().forget_swing(side);
+        constant.map(|constant| TUNING.dynamics.constants * constant)
+    }
+
+    /// What the camera has seen of the fiber of a side is to be seen anew.
+    pub fn forget_seen(&self, side: Side) {
+        self.tips.borrow_mut().forget(side, self.now());
     }
 
     /// Has a micro play a law.

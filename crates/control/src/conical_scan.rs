@@ -172,7 +172,7 @@ impl<'r> ConicalScan<'r> {
         let caps = bench.caps();
         let rate = caps.channels[watch.meter.0].rate;
         let group = &caps.groups[watch.group.0];
-        let slowest = (TUNING.circle.samples / rate).max(group.bandwidth.recip());
+        let slowest = (TUNING.circle.samples / rate).max(bench.bandwidth(watch.group).recip());
         let period = shape.period.max(slowest);
         Self {
             watch,
@@ -237,7 +237,7 @@ impl<'r> ConicalScan<'r> {
 
     /// Turns in which what a way to the circle had swing comes to rest.
     pub(crate) fn turns_to_settle(&self, bench: &Reactor<'_>) -> u32 {
-        (self.forgets * self.group(bench).settling / self.period).ceil() as u32
+        (self.forgets * bench.settling(self.watch.group) / self.period).ceil() as u32
     }
 
     /// The same with light whose laser was seen to flicker so.

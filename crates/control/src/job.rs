@@ -34,6 +34,8 @@ pub struct FiberReport {
     pub strokes: Option<[f64; MICRO_AXES]>,
     /// Axes that have swung at rest under their gains until then, and how many times as large as its calibration says these are since.
     pub gains: Vec<(AxisName, f64)>,
+    /// By when its micro has come to rest, seconds, where the camera has seen that it swings for longer than was believed.
+    pub rests: Option<f64>,
     /// Where it is believed to be, where it was attached and that is known.
     pub place: Option<Place>,
     /// Its phases in order, seconds of machine time each.
@@ -75,6 +77,8 @@ pub(crate) struct Job<'r> {
     pub(crate) strokes: Option<[f64; MICRO_AXES]>,
     /// Axes that have swung at rest, and what is left of their gains.
     pub(crate) gains: Vec<(AxisName, f64)>,
+    /// By when its micro has come to rest, seconds, where it was seen to swing for longer than was believed.
+    pub(crate) rests: Option<f64>,
     /// By how much its light differs from one turn of a circle to the next by itself, of its own, as far as circles have told.
     pub(crate) flicker: f64,
     /// Where it is believed to be.
@@ -178,6 +182,7 @@ impl<'r> Job<'r> {
             spot: None,
             strokes: None,
             gains: Vec::new(),
+            rests: None,
             flicker: 0.0,
             place: None,
             holds: false,
@@ -203,6 +208,7 @@ impl<'r> Job<'r> {
             spot: self.spot,
             strokes: self.strokes,
             gains: std::mem::take(&mut self.gains),
+            rests: self.rests,
             place: self.place.take(),
             phases: std::mem::take(&mut self.phases),
         }

@@ -83,6 +83,7 @@ pub mod procedure;
 pub mod reactor;
 pub mod recipe;
 
+mod ring_down;
 pub mod rise;
 pub mod search;
 pub mod servo;

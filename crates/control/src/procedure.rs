@@ -12,7 +12,7 @@ use crate::peak::{NinePoint, Spot, Vertex};
 use crate::recipe::Recipe;
 use crate::search::{Hit, Searcher, centre_sensing, edge_from_below};
 use crate::shaking::Shaking;
-use crate::station::{Level, Station};
+use crate::station::{Level, Station, fine};
 use crate::tip_estimator::Tip;
 use crate::tuning::TUNING;
 use pigtail_hal::bench::Fix;
@@ -40,6 +40,8 @@ pub(crate) async fn each_fiber<'r>(
         let end = align(job).await;
         let gains = cell.voltage(|machine| machine.gentler_gains());
         job.gains = gains.unwrap_or_default();
+        let micro = fine(job.side);
+        job.rests = cell.swings(micro).then(|| cell.settling(job.side));
         end
     };
     run_all(recipe, align, async |job| job.put_back(cell).await).await

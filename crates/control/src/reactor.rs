@@ -11,6 +11,7 @@ mod asks;
 
 pub(crate) use self::asks::{LONGEST, across, refused};
 use crate::station::{Observer, VoltageMachine};
+use crate::tuning::TUNING;
 use pigtail_hal::bench::{Caps, Estimate, Event, Group, Law, Pose, Refused, Request, Ticket};
 use pigtail_hal::{Bench, Fault};
 use std::cell::{Cell, RefCell};
@@ -65,6 +66,8 @@ pub struct Reactor<'b> {
     queue: RefCell<VecDeque<Event>>,
     /// What each group plays that has not been played to its end.
     moving: RefCell<Vec<Option<Ticket>>>,
+    /// By when each group has come to rest that was seen to swing for longer than its bench says, seconds.
+    rests: RefCell<Vec<Option<f64>>>,
 }
 
 impl<'b> Reactor<'b> {
@@ -73,6 +76,7 @@ impl<'b> Reactor<'b> {
         let caps = bench.caps().clone();
         Self {
             moving: RefCell::new(vec![None; caps.groups.len()]),
+            rests: RefCell::new(vec![None; caps.groups.len()]),
             bench: RefCell::new(bench),
             caps,
             count: Cell::new(0),
@@ -87,6 +91,34 @@ impl<'b> Reactor<'b> {
     /// What the bench is able to do.
     pub fn caps(&self) -> &Caps {
         &self.caps
+    }
+
+    /// By when a group has come to rest where it was told to be, seconds: as its bench says, or as it was seen to.
+    pub fn settling(&self, group: Group) -> f64 {
+        let seen = self.rests.borrow()[group.0].unwrap_or(0.0);
+        self.caps.groups[group.0].settling.max(seen)
+    }
+
+    /// How many turns of a circle a second a group follows, hertz: as its bench says, or, where it was seen to swing for longer than that, as any group
+    /// would that takes so long; at least what every resonance follows that a micro may have.
+    pub fn bandwidth(&self, group: Group) -> f64 {
+        let caps = &self.caps.groups[group.0];
+        let tuned = &TUNING.dynamics;
+        let slower =
+            |seen: f64| (caps.settling / seen * caps.bandwidth).max(tuned.turns * tuned.least);
+        let seen = self.rests.borrow()[group.0].map_or(f64::INFINITY, slower);
+        caps.bandwidth.min(seen)
+    }
+
+    /// Whether a group was seen to swing for longer than its bench says.
+    pub fn swings(&self, group: Group) -> bool {
+        self.rests.borrow()[group.0].is_some()
+    }
+
+    /// A group was seen to come to rest no sooner than in so many seconds.
+    pub fn has_swung(&self, group: Group, seconds: f64) {
+        let rests = &mut self.rests.borrow_mut()[group.0];
+        *rests = Some(rests.unwrap_or(0.0).max(seconds));
     }
 
     /// The bench's time, seconds.

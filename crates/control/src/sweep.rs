@@ -44,6 +44,22 @@ struct Lines {
 }
 
 impl Lines {
+    /// Those of a sweep over a width, metres.
+    fn of(
+        cell: &AlignmentCell<'_>,
+        (side, channel): (Side, Channel),
+        sweep: &Sweep,
+        width: f64,
+    ) -> Self {
+        Self {
+            reach: reach(cell, side, width),
+            speed: sweep.speed,
+            hold: TUNING.search.held / cell.caps().channels[channel.index()].rate,
+            lag: cell.caps().groups[fine(side).0].lag.0,
+            flyback: sweep.flyback,
+        }
+    }
+
     /// From one end to the other, seconds.
     fn line(&self) -> f64 {
         self.reach.width() / self.speed
@@ -153,8 +169,26 @@ pub fn reach(cell: &AlignmentCell<'_>, side: Side, width: f64) -> Reach {
     cell.micro_reach_x(side).within(width, TUNING.search.sure)
 }
 
+/// The same, as much more slowly as a micro that takes long to come to rest needs it over a width, metres, if it may swing so far, metres.
+///
+/// Lines that are repeated as often as a micro swings have it swing farther and farther: they are no more than a sinusoid as wide, by which a resonance
+/// swings by its quality, pi times the time constant by which it comes to rest in periods, of half of that. What swings faster, as far as that is known, is
+/// moved by an overtone of theirs alone: of the n-th by the n-th part.
+pub fn calm(cell: &AlignmentCell<'_>, side: Side, sweep: &Sweep, width: f64, swing: f64) -> Sweep {
+    let width = reach(cell, side, width).width();
+    let usual = width / sweep.speed + sweep.flyback;
+    let overtone = usual * cell.least_resonance(side).unwrap_or(0.0);
+    let constant = cell.settling(side) / TUNING.dynamics.constants;
+    let period = 0.5 * PI * width * constant / (swing * overtone.max(1.0));
+    let slower = (period / usual).max(1.0);
+    Sweep {
+        speed: sweep.speed / slower,
+        flyback: sweep.flyback * slower,
+    }
+}
+
 /// Sweeps up to the height `top` over `width` with lines `spacing` apart (metres) until something
-/// is brighter by `threshold` volts than the background, and brakes soon after.
+/// is brighter by `threshold` volts than the background, or it is not to go on, and brakes soon after.
 ///
 /// # Errors
 ///
@@ -165,19 +199,12 @@ pub async fn first_light(
     watch: &Watch,
     sweep: &Sweep,
     (width, spacing): (f64, f64),
-    top: f64,
-    threshold: f64,
+    (top, threshold): (f64, f64),
+    goes_on: impl Fn() -> bool,
 ) -> Result<Swept, Halt> {
-    let reach = reach(cell, side, width);
-    let start = cell.wanted(side);
+    let lines = Lines::of(cell, (side, channel), sweep, width);
+    let (reach, start) = (lines.reach, cell.wanted(side));
     let rate = cell.caps().channels[channel.index()].rate;
-    let lines = Lines {
-        reach,
-        speed: sweep.speed,
-        hold: TUNING.search.held / rate,
-        lag: cell.caps().groups[fine(side).0].lag.0,
-        flyback: sweep.flyback,
-    };
     let way = sweep.speed / rate;
     let widest = (TUNING.search.wide / way).round() as usize;
     let widest = widest.clamp(2, 16);
@@ -191,7 +218,7 @@ pub async fn first_light(
     let (mut wander, mut best) = (0.0, threshold);
     let (mut perhaps, mut likely) = (None, TUNING.search.perhaps * threshold);
     let mut recent: VecDeque<(f64, f64)> = VecDeque::with_capacity(widest + 1);
-    while cell.is_moving(side) {
+    while cell.is_moving(side) && goes_on() {
         let Some((time, volts)) = cell.sample(channel.index(), f64::INFINITY).await? else {
             continue;
         };

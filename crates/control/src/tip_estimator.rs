@@ -8,6 +8,7 @@
 //! beside the mean of those before, on one side, something has moved that no encoder has seen (a belt that slipped, a load that a
 //! screw let go): a cumulative sum of what was not foreseen tells (E. S. Page 1954), and what was seen before is forgotten.
 
+use crate::ring_down::{Shown, Swing};
 use crate::tuning::TUNING;
 use pigtail_hal::Side;
 pub use pigtail_hal::bench::Tip;
@@ -60,8 +61,8 @@ struct Offset {
 }
 
 /// By how much frames at rest differ from what was foreseen of them.
-#[derive(Debug, Clone, Copy, Default)]
-struct Noise {
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Noise {
     /// The sum of squares, in variances by what the camera states, and of how many frames.
     squares: f64,
     frames: f64,
@@ -77,6 +78,13 @@ struct Beside {
     frames: f64,
 }
 
+/// Where a holder is told to be, and a tip in it that its micro moves and that stands where it should.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Held {
+    pub(crate) holder: Point<Chip>,
+    pub(crate) tip: Point<Chip>,
+}
+
 /// The estimates of all tips.
 #[derive(Debug, Clone)]
 pub(crate) struct TipEstimator {
@@ -90,6 +98,8 @@ pub(crate) struct TipEstimator {
     facet: f64,
     /// Since when each fiber has been where it is, seconds: older frames say nothing of it.
     since: [f64; SIDES],
+    /// How the tips of each side swing.
+    swings: [Swing; SIDES],
 }
 
 impl TipEstimator {
@@ -101,7 +111,18 @@ impl TipEstimator {
             bound: vision.believed()[1],
             facet: vision.facet_z,
             since: [0.0; SIDES],
+            swings: Default::default(),
         }
+    }
+
+    /// How the tips of a side swing.
+    pub(crate) fn swing(&self, side: Side) -> &Swing {
+        &self.swings[side.index()]
+    }
+
+    /// How they swing is to be seen anew.
+    pub(crate) fn forget_swing(&mut self, side: Side) {
+        self.swings[side.index()] = Swing::default();
     }
 
     /// The light says by how much farther along the chip's z a fiber stands than vision has it, metres, known to a
@@ -119,28 +140,45 @@ impl TipEstimator {
     pub(crate) fn forget(&mut self, side: Side, time: f64) {
         self.fibers[side.index()] = None;
         self.told[side.index()] = None;
+        self.swings[side.index()].is_another();
         self.since[side.index()] = time;
     }
 
-    /// Takes in a frame; `holder` says where the holder of a side was at a time, with its micro.
-    pub(crate) fn see(&mut self, frame: &Frame, holder: impl Fn(Side, f64) -> Option<Point<Chip>>) {
+    /// Takes in a frame; `held` says where the holder of a side was told to be at a time, and where its tip, which its micro moves.
+    pub(crate) fn see(&mut self, frame: &Frame, held: impl Fn(Side, f64) -> Option<Held>) {
         for side in Side::ALL {
             let i = side.index();
-            let (Some(at), Some(before)) = (
-                holder(side, frame.time),
-                holder(side, frame.time - TUNING.vision.speed),
+            let (Some(now), Some(before)) = (
+                held(side, frame.time),
+                held(side, frame.time - TUNING.vision.speed),
             ) else {
                 continue;
             };
+            let (at, before) = (now.tip, before.tip);
             let lag = |way: f64| (TUNING.vision.late * way / TUNING.vision.speed).powi(2);
             let lag = [lag(at.x - before.x), lag(at.z - before.z)];
+            let shown = |fix: &Fix| Shown {
+                tip: fix.tip,
+                time: frame.time,
+                beside: fix.x - at.x,
+                noise: fix.sigma.powi(2),
+                span: span(now, |since| held(side, frame.time + since)),
+                holder: now.holder,
+            };
             for fix in frame.fixes.iter().filter(|fix| fix.arm == i) {
                 match fix.tip {
                     Tip::Fiber if frame.time > self.since[i] => {
+                        self.swings[i].note(shown(fix));
                         update(&mut self.fibers[i], frame.time, at, fix, lag);
                     }
                     Tip::Fiber => {}
-                    Tip::Sensing => update(&mut self.sensing[i], frame.time, at, fix, lag),
+                    Tip::Sensing => {
+                        // As long as there is no fiber beside it.
+                        if self.fibers[i].is_none() {
+                            self.swings[i].note(shown(fix));
+                        }
+                        update(&mut self.sensing[i], frame.time, at, fix, lag);
+                    }
                 }
             }
         }
@@ -183,6 +221,20 @@ impl TipEstimator {
             },
         })
     }
+}
+
+/// How far a micro is told to go about the time of a frame, metres, as much as the camera may be earlier or later than it says.
+fn span(now: Held, held: impl Fn(f64) -> Option<Held>) -> f64 {
+    /// Looks to either side.
+    const LOOKS: i32 = 6;
+    let looks = (-LOOKS..=LOOKS).filter_map(|k| {
+        let share = f64::from(k) / f64::from(LOOKS);
+        held(share * TUNING.ring_down.exposed)
+    });
+    let micro = |held: Held| held.tip.x - held.holder.x;
+    looks
+        .map(|then| (micro(then) - micro(now)).abs())
+        .fold(0.0, f64::max)
 }
 
 /// Takes a fix of a `time` into an estimate; `lag` is the variance in x and z that comes of moving.
@@ -259,13 +311,17 @@ impl Offset {
 
 impl Noise {
     /// How many times as large a variance as the camera states frames have been seen to have; no less than that.
-    fn times(&self) -> f64 {
-        let known = TUNING.vision.stated;
+    pub(crate) fn times(&self) -> f64 {
+        self.times_beside(TUNING.vision.stated)
+    }
+
+    /// The same where what it states counts as much as so many frames.
+    pub(crate) fn times_beside(&self, known: f64) -> f64 {
         ((known + self.squares) / (known + self.frames)).max(1.0)
     }
 
     /// Adds a frame that was so many deviations, by what the camera states, from where it was foreseen.
-    fn add(&mut self, by: f64) {
+    pub(crate) fn add(&mut self, by: f64) {
         self.squares += by * by;
         self.frames += 1.0;
     }

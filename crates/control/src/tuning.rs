@@ -22,7 +22,9 @@ mod taught;
 
 pub use axes::AxisSwing;
 pub use bonds::{Bond, Hold};
-pub use circles::{Ahead, Answer, Circle, LastTurns, MicroDynamics, TipShaking, WatchedLight};
+pub use circles::{
+    Ahead, Answer, Circle, LastTurns, MicroDynamics, MicroRingDown, TipShaking, WatchedLight,
+};
 pub use gaps::{Gap, LightBeam, LightRise, Piezos, SpotWidth, Vision};
 pub use search::{Care, DarkLook, NinePointClimb, Nudge, Pair, Reach, Search};
 pub use taught::{Lines, TaughtBench};
@@ -175,6 +177,8 @@ pub struct Tuning {
     pub watch: WatchedLight,
     /// How micros swing.
     pub dynamics: MicroDynamics,
+    /// How long micros swing, as a camera sees it.
+    pub ring_down: MicroRingDown,
     /// How tips shake.
     pub shaking: TipShaking,
     /// How steeply light rises with the gap.
@@ -220,6 +224,7 @@ pub const TUNING: Tuning = Tuning {
     answer: Answer::USED,
     watch: WatchedLight::USED,
     dynamics: MicroDynamics::USED,
+    ring_down: MicroRingDown::USED,
     shaking: TipShaking::USED,
     rise: LightRise::USED,
     gap: Gap::USED,
@@ -249,6 +254,7 @@ pub fn topics() -> Vec<Topic> {
         Answer::topic(),
         WatchedLight::topic(),
         MicroDynamics::topic(),
+        MicroRingDown::topic(),
         TipShaking::topic(),
         LightRise::topic(),
         Gap::topic(),

@@ -90,6 +90,10 @@ pub struct FiberRow {
     /// none has.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub gentler_gains: BTreeMap<String, f64>,
+    /// By when its micro has come to rest, seconds, where the camera has seen that it swings for longer than was believed, so that all was done as slowly;
+    /// absent elsewhere.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub micro_settling_s: Option<f64>,
     /// Whether it really is where it should be; `null` unless attached.
     pub within_tolerance: Option<bool>,
     /// What control believes of where it is; `null` unless attached by a procedure that can say so.
@@ -391,6 +395,7 @@ pub(crate) fn nothing(port: &'static str, outcome: OutcomeCode, detail: &str) ->
         within_tolerance: None,
         micro_strokes: None,
         gentler_gains: BTreeMap::new(),
+        micro_settling_s: None,
         believed: None,
     }
 }
@@ -517,6 +522,7 @@ fn row(
             .iter()
             .map(|(at, share)| (at.to_string(), rounded(*share, 1e-4)))
             .collect(),
+        micro_settling_s: report.rests.map(|seconds| rounded(seconds, 1e-4)),
         believed: report.place.map(|place| Believed::of(place, tolerance_xy)),
     }
 }

@@ -3,7 +3,7 @@
 use super::figure::{Axes, HALF, WHOLE, curves, envelope, range_of};
 use super::html::{configuration, figure, fixed, number, page, prose, th, verdict};
 use super::plot::Plot;
-use super::text::gentler_gains;
+use super::text::swings;
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_control::kinematics::Kinematics;
@@ -133,7 +133,7 @@ fn summary(document: &AlignmentDocument) -> Markup {
                 " " span.bad { "One that control believes aligned is not." }
             }
         }
-        @for said in gentler_gains(document) {
+        @for said in swings(document) {
             p { (prose(&said)) }
         }
         @if let Some(arms) = &document.arms {

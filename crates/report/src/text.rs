@@ -5,7 +5,7 @@ use comfy_table::{
     CellAlignment, ContentArrangement, ContentLineStyle, LineStyle, Table, TableStyle,
 };
 use pigtail_control::outcome::OutcomeCode;
-use pigtail_evaluate::align::{AlignmentDocument, TOLERANCE_Z_UM};
+use pigtail_evaluate::align::{AlignmentDocument, FiberRow, TOLERANCE_Z_UM};
 use pigtail_evaluate::campaign::CampaignDocument;
 use pigtail_numerics::statistics::Percentiles;
 use pigtail_session::fleet::NOMINAL;
@@ -171,20 +171,28 @@ fn drawn(rows: &[Vec<String>]) -> Table {
     table
 }
 
-/// What is said of axes that swing at rest under the gains of their calibration.
-pub(super) fn gentler_gains(document: &AlignmentDocument) -> impl Iterator<Item = String> {
+/// What is said of axes that swing at rest under the gains of their calibration, and of micros that swing for longer than was believed.
+pub(super) fn swings(document: &AlignmentDocument) -> impl Iterator<Item = String> {
     let last = document
         .fibers
         .iter()
         .rev()
         .map(|fiber| &fiber.gentler_gains);
     let axes = last.filter(|axes| !axes.is_empty()).take(1).flatten();
-    axes.map(|(axis, share)| {
+    let axes = axes.map(|(axis, share)| {
         format!(
             "{axis} swings at rest under the gains of its calibration: they were made {share:.2} times as large on the way. `pigtail commission` finds \
              such as it bears."
         )
-    })
+    });
+    let slow = |fiber: &FiberRow| Some((fiber.port, fiber.micro_settling_s?));
+    let micros = document.fibers.iter().filter_map(slow).map(|(port, seconds)| {
+        format!(
+            "{port}: its micro swings for longer than is believed, so it was waited for {seconds:.1} s and its lines and circles were as slow. \
+             `pigtail commission` measures how it swings."
+        )
+    });
+    axes.chain(micros)
 }
 
 /// How a device was aligned: a row a fiber, what failed in a sentence, and the report if one was written.
@@ -198,7 +206,7 @@ pub fn alignment(document: &AlignmentDocument, room: Option<usize>) -> String {
     if document.collision {
         text += "A fiber hit the chip.\n";
     }
-    for said in gentler_gains(document) {
+    for said in swings(document) {
         let _ = writeln!(text, "{}", wrapped(&said, room));
     }
     let _ = writeln!(

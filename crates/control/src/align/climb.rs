@@ -68,7 +68,7 @@ async fn climb(
         },
     };
     let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
-    let settling = bench.caps().groups[group.0].settling;
+    let settling = bench.settling(group);
     let shape = &recipe.fast.conical_scan;
     let mut scan = begin(bench, (group, meter), beam, recipe, &dark, gap);
     let radius = circles(bench, group, beam.width(gap), shape.radius);

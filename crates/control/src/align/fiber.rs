@@ -185,7 +185,7 @@ impl<'d> Fiber<'d> {
         if (here - to).norm() < TUNING.circle.centred * self.beam.width(0.0) {
             return Ok(());
         }
-        let settling = bench.caps().groups[self.fine.0].settling;
+        let settling = bench.settling(self.fine);
         let law = Dither {
             centre: Glide {
                 to: [to.x, to.y],

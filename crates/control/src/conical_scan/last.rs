@@ -209,7 +209,7 @@ impl ConicalScan<'_> {
         if self.wary {
             self.period
         } else {
-            self.group(bench).settling
+            bench.settling(self.watch.group)
         }
     }
 
@@ -461,7 +461,7 @@ impl ConicalScan<'_> {
             TUNING.last.come_to_rest
         };
         // It comes to rest, and not a moment longer than it may swing: piezos creep.
-        let settling = self.group(bench).settling;
+        let settling = bench.settling(self.watch.group);
         let rest = HALF_TURN + last + settling / self.period;
         let longer = if self.shaking.rings() || may_ring {
             (self.forgets - 1.0) * settling

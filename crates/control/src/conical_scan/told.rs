@@ -198,7 +198,7 @@ impl ConicalScan<'_> {
             self.forgets
         } else {
             self.forgets.min(TUNING.watch.glance)
-        } * self.group(bench).settling;
+        } * bench.settling(self.watch.group);
         let rate = bench.caps().channels[self.watch.meter.0].rate;
         let bond = ((bench.caps().bond * rate).round() as usize).max(1);
         // Piezos creep meanwhile, ever more slowly.

@@ -4,17 +4,21 @@ use super::seen::{Top, dark, top_below};
 use super::{Look, Shared};
 use crate::cell::AlignmentCell;
 use crate::conical_scan::{Gap, Walk};
+use crate::job::Job;
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::procedure::outward;
 use crate::reactor::both_well;
-use crate::station::coarse;
-use crate::sweep::reach;
+use crate::recipe::{Recipe, Sweep};
+use crate::station::{coarse, fine};
+use crate::sweep::{calm, reach};
 use crate::tip_estimator::{Seen, Tip};
 use crate::tuning::TUNING;
 use pigtail_hal::Side;
 use pigtail_hal::spec::Channel;
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
 use std::cell::Cell;
+use std::f64::consts::TAU;
+use std::pin::Pin;
 
 /// A tip on its way to a port.
 #[derive(Debug, Clone, Copy)]
@@ -26,6 +30,15 @@ pub(super) struct Aim {
 }
 
 impl Aim {
+    /// That of the fiber of a job.
+    pub(super) fn at_fiber(job: &Job<'_>) -> Self {
+        Self {
+            side: job.side,
+            tip: Tip::Fiber,
+            port: job.port,
+        }
+    }
+
     /// Where the tip stands from the holder in x and z (chip's frame): by vision, or by design.
     fn offset(&self, cell: &AlignmentCell<'_>) -> (f64, f64) {
         if let Some(Seen { x, z, .. }) = cell.seen(self.side, self.tip) {
@@ -111,10 +124,111 @@ impl Aim {
     }
 }
 
+/// Lets something be done while the tip of a fiber stays where it is, before its port: as chip and holders warm they come nearer to each other, and what
+/// is done may take minutes where light is dim.
+///
+/// # Errors
+///
+/// As what is done; the fiber cannot be taken back.
+pub(super) async fn kept_off<T>(
+    cell: &AlignmentCell<'_>,
+    aim: &Aim,
+    work: Pin<Box<impl Future<Output = Result<T, Halt>>>>,
+) -> Result<T, Halt> {
+    let done = Cell::new(false);
+    let first = aim.gap(cell);
+    let work = async {
+        let result = work.await;
+        done.set(true);
+        result
+    };
+    let keep = async {
+        while !done.get() {
+            let by = cell.now() + TUNING.gap.kept_every;
+            while !done.get() && !cell.is_past(by) {
+                cell.next(by).await?;
+            }
+            let nearer = first - aim.gap(cell);
+            if nearer > TUNING.gap.kept_off && !done.get() {
+                let away = cell.wanted(aim.side).shifted(0.0, 0.0, -nearer);
+                cell.start_line(aim.side, away, None)?;
+            }
+        }
+        Ok(())
+    };
+    Ok(both_well(work, keep).await?.0)
+}
+
 /// Sends the micro to where its lines begin.
 pub(super) fn cock(cell: &AlignmentCell<'_>, side: Side, width: f64) -> Result<(), Outcome> {
     let start = reach(cell, side, width).low;
     cell.glide_micro(side, Displacement::new(start, 0.0))
+}
+
+/// Whether the camera has seen a tip of a side swing, and it can be answered by going more slowly.
+pub(super) fn swings(cell: &AlignmentCell<'_>, side: Side) -> bool {
+    cell.is_seen_to_swing(side) && cell.settling(side) < slowest()
+}
+
+/// By when a micro has come to rest that takes as long as any, seconds.
+fn slowest() -> f64 {
+    TUNING.dynamics.constants * TUNING.ring_down.constants[1]
+}
+
+/// Goes to and fro a little at the rates of the lines by which light will be searched, and of the circles that follow it, far from all and where nobody has
+/// measured how the micro swings: so that the camera sees whether it does by these. It ends at a place along x, metres.
+async fn rehearse(
+    cell: &AlignmentCell<'_>,
+    side: Side,
+    recipe: &Recipe,
+    end: f64,
+) -> Result<(), Halt> {
+    if cell.settles(side) {
+        return Ok(cell.glide_micro(side, Displacement::new(end, 0.0))?);
+    }
+    let tuned = &TUNING.ring_down;
+    cell.wait(tuned.after).await?;
+    let (sweep, from) = (&recipe.fast.sweep, cell.micro(side).x);
+    let line = reach(cell, side, recipe.raster.x).width() / sweep.speed + sweep.flyback;
+    let periods = [line, 0.5 * line, recipe.fast.conical_scan.period];
+    let seconds = tuned.turns * periods.iter().sum::<f64>();
+    let glide = TUNING.search.glide * cell.spec().micro.settling;
+    let swung = |time: f64| {
+        let mut begin = 0.0;
+        for period in periods {
+            let turns = (time - begin) / period;
+            if turns < tuned.turns {
+                return (TAU * turns).sin();
+            }
+            begin += tuned.turns * period;
+        }
+        0.0
+    };
+    let step = periods.into_iter().fold(line, f64::min) / TUNING.search.knots;
+    cell.micro_path(side, (seconds, step), |time| {
+        let gone = (time / glide).min(1.0);
+        let middle = from + (end - from) * (gone * gone * (3.0 - 2.0 * gone));
+        Displacement::new(middle + tuned.radius * swung(time), 0.0)
+    })?;
+    Ok(())
+}
+
+/// The lines of a search over a width at a gap, metres, so many times as slow as usual, or slower where the micro would swing so far that it comes near to an
+/// inclined facet, or that who guards the machine believes that its tip is not where it should be.
+pub(super) fn lines(
+    cell: &AlignmentCell<'_>,
+    side: Side,
+    recipe: &Recipe,
+    (width, gap): (f64, f64),
+    slow: f64,
+) -> Sweep {
+    let slope = recipe.ports.slope().abs();
+    let tuned = &TUNING.search;
+    let most = (tuned.nearer * gap / slope).min(tuned.swings * cell.spec().guard.placement);
+    // Narrower lines come as often as wide ones, by which the micro was seen not to swing.
+    let [width_of, whole] = [width, recipe.raster.x].map(|width| reach(cell, side, width).width());
+    let slow = slow * (whole / width_of).max(1.0);
+    calm(cell, side, &recipe.fast.sweep.slower(slow), width, most)
 }
 
 /// Waits until a tip is seen as well as `sure` metres across; goes on without where that takes too
@@ -134,6 +248,37 @@ async fn until_seen(cell: &AlignmentCell<'_>, aim: &Aim, sure: f64) -> Result<()
     }
 }
 
+/// Where the camera has seen a tip swing it is taken away from the chip and waited for, and all that its micro does from now on is done more slowly.
+pub(super) async fn calm_down(
+    cell: &AlignmentCell<'_>,
+    aim: &Aim,
+    recipe: &Recipe,
+) -> Result<(), Halt> {
+    let side = aim.side;
+    if !swings(cell, side) {
+        return Ok(());
+    }
+    cell.move_micro(side, cell.micro(side))?;
+    let begin = cell.now();
+    let far = aim.holder(
+        cell,
+        recipe.ports.exit_angle,
+        0.0,
+        recipe.first_look(cell.spec()),
+    );
+    let here = cell.wanted(side);
+    let away = Point::new(here.x, here.y, here.z.min(far.z));
+    cell.go(side, away).await?;
+    cell.wait(TUNING.ring_down.watched).await?;
+    let longer = TUNING.ring_down.longer * cell.settling(side);
+    let settling = cell.rests_after_swing(side).unwrap_or(0.0).max(longer);
+    cell.has_swung(fine(side), settling.min(slowest()));
+    cell.wait(cell.settling(side) - (cell.now() - begin))
+        .await?;
+    cell.forget_seen(side);
+    until_seen(cell, aim, recipe.fast.straight).await
+}
+
 impl Shared<'_> {
     /// Both manipulators from wherever they are to the chip, the input fiber to the start of its
     /// search and the sensing fiber below the chip's top; on the way the dark is measured.
@@ -151,14 +296,20 @@ impl Shared<'_> {
         let below = self.below();
         let fiber = async {
             let first = aim.holder(cell, exit, -below - run_up, far);
-            cell.go(aim.side, first).await?;
-            cock(cell, aim.side, recipe.raster.x)?;
+            let low = reach(cell, aim.side, recipe.raster.x).low;
+            cell.start_line(aim.side, first, None)?;
+            rehearse(cell, aim.side, recipe, low).await?;
+            cell.stands(aim.side).await?;
+            calm_down(cell, aim, recipe).await?;
             let start = aim.holder(cell, exit, -below, fast.input_gap);
             cell.go(aim.side, start).await
         };
         let eye = async {
             let first = sensing.holder(cell, exit, -s.below - run_up, s.gap + far);
-            cell.go(sensing.side, first).await?;
+            cell.start_line(sensing.side, first, None)?;
+            rehearse(cell, sensing.side, recipe, 0.0).await?;
+            cell.stands(sensing.side).await?;
+            calm_down(cell, sensing, recipe).await?;
             let start = sensing.holder(cell, exit, -s.below, s.gap);
             cell.go(sensing.side, start).await
         };

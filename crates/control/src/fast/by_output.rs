@@ -6,14 +6,13 @@
 //! both it then goes the rest of its way and is attached; and the other goes on from where it stands.
 
 use super::Shared;
-use super::approach_moves::Aim;
+use super::approach_moves::{Aim, kept_off};
 use crate::cell::AlignmentCell;
 use crate::conical_scan::{ConicalScan, Watch};
 use crate::job::Job;
 use crate::outcome::{Halt, Outcome};
-use crate::tip_estimator::Tip;
 use crate::tuning::TUNING;
-use pigtail_hal::{Channel, Side};
+use pigtail_hal::Channel;
 
 /// A fiber that waits near its port, at its peak, not attached.
 pub(super) struct Waiting<'r> {
@@ -95,12 +94,14 @@ impl<'r> Shared<'r> {
         (mut scan, before): (ConicalScan<'r>, f64),
     ) -> Result<(ConicalScan<'r>, u8), Halt> {
         self.wait_near(job, cell, aim, &mut scan, before).await?;
-        let waiting = self.bring_other(other, cell).await?;
+        let waiting = kept_off(cell, aim, Box::pin(self.bring_other(other, cell))).await?;
         let power = self.power;
         job.channel = other.channel;
         let mut attempt = 0;
+        let waits = Aim::at_fiber(other);
         loop {
-            let result = self.attach_by(job, cell, aim, &waiting, attempt > 0).await;
+            let attaching = self.attach_by(job, cell, aim, &waiting, attempt > 0);
+            let result = kept_off(cell, &waits, Box::pin(attaching)).await;
             let again = attempt < self.fast.retry.unsure as usize
                 && (self.again(&result, attempt) || self.learns_to_ask(cell, &result));
             if !again {
@@ -139,11 +140,7 @@ impl<'r> Shared<'r> {
         other: &mut Job<'_>,
         cell: &AlignmentCell<'_>,
     ) -> Result<ConicalScan<'r>, Halt> {
-        let aim = Aim {
-            side: Side::Right,
-            tip: Tip::Fiber,
-            port: other.port,
-        };
+        let aim = Aim::at_fiber(other);
         let fast = self.fast;
         let change = async |_: &mut Job<'_>| self.change_fiber(cell, &aim, 0).await;
         other.phase(cell, "coarse", change).await?;

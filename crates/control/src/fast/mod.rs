@@ -28,12 +28,12 @@ use crate::job::{FiberReport, Job};
 use crate::last_turns::Rest;
 use crate::outcome::{Halt, Outcome, SearchEvidence, is_for_askew};
 use crate::procedure::{Found, each_fiber};
-use crate::recipe::{Fast, Pass, Recipe, Sweep};
+use crate::recipe::{Fast, Pass, Recipe};
 use crate::station::{Station, coarse, fine};
 use crate::sweep::{Spot, Swept, first_light};
 use crate::tip_estimator::Tip;
 use crate::tuning::TUNING;
-use approach_moves::{Aim, cock};
+use approach_moves::{Aim, calm_down, cock, lines, swings};
 use by_output::Waiting;
 use gap::unhurried;
 pub use gap::vision_knows;
@@ -131,11 +131,7 @@ impl<'r> Shared<'r> {
     /// A fiber to its port.
     async fn fiber(&mut self, job: &mut Job<'r>, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
         let fast = self.fast;
-        let aim = Aim {
-            side: job.side,
-            tip: Tip::Fiber,
-            port: job.port,
-        };
+        let aim = Aim::at_fiber(job);
         // The sensing fiber sees the input's light alone.
         let (seen, gap, spacing) = match job.output {
             None => (true, fast.input_gap, fast.input_spacing),
@@ -333,7 +329,7 @@ impl<'r> Shared<'r> {
                     };
                     begun = Some((watch, start));
                     let top = start.y + look.height;
-                    let eye = (job.side, job.channel);
+                    let eye = (aim, job.channel);
                     let spot = self.search(cell, eye, &watch, look, top, dismissed).await?;
                     let watch = Watch {
                         background: spot.background,
@@ -486,7 +482,7 @@ impl<'r> Shared<'r> {
     async fn search(
         &mut self,
         cell: &AlignmentCell<'_>,
-        eye: (Side, Channel),
+        (aim, channel): (&Aim, Channel),
         watch: &Watch,
         look: &Look,
         top: f64,
@@ -494,18 +490,25 @@ impl<'r> Shared<'r> {
     ) -> Result<Spot, Halt> {
         let threshold = self.fast.significance * watch.noise;
         let area = (look.width, look.spacing);
-        let sweep = Sweep {
-            speed: self.fast.sweep.speed / look.slow,
-            ..self.fast.sweep
-        };
+        let side = aim.side;
         let Swept {
             spot,
             evidence,
             perhaps,
-        } = first_light(cell, eye, watch, &sweep, area, top, threshold).await?;
+        } = loop {
+            let sweep = lines(cell, side, self.recipe, (look.width, look.gap), look.slow);
+            let eye = (side, channel);
+            let (until, goes_on) = ((top, threshold), || !swings(cell, side));
+            let swept = first_light(cell, eye, watch, &sweep, area, until, goes_on).await?;
+            if !swings(cell, side) {
+                break swept;
+            }
+            calm_down(cell, aim, self.recipe).await?;
+            self.back_to_start(cell, aim, look).await?;
+        };
         self.perhaps = perhaps;
         // What is brightest at the end of a line has its peak beyond it as likely as not.
-        let beam = cell.beam(eye.0, self.recipe);
+        let beam = cell.beam(side, self.recipe);
         let beyond = TUNING.search.beyond * beam.width(look.gap);
         let spot = spot.map(|spot| Spot {
             at: spot.at + Displacement::new(spot.end * beyond, 0.0),

@@ -2,7 +2,7 @@
 //! sensing fiber sees a tenth of it, or less, which may be lost in a photodiode's noise.
 
 use super::Shared;
-use super::approach_moves::Aim;
+use super::approach_moves::{Aim, kept_off};
 use super::gap::vision_knows;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
@@ -12,7 +12,6 @@ use crate::job::{AtPeak, FiberReport, Job};
 use crate::outcome::{Halt, Outcome};
 use crate::recipe::Recipe;
 use crate::station::Station;
-use crate::tip_estimator::Tip;
 use crate::tuning::TUNING;
 use pigtail_hal::spec::{MICRO_AXES, SIDES};
 use pigtail_model::frames::Displacement;
@@ -74,7 +73,8 @@ async fn hold_both<'r>(
     let mut output = Job::of(recipe, Some(0));
     output.holds = true;
     let watch = async |job: &mut Job<'r>| {
-        shared.fiber(job, cell).await?;
+        let fiber = Box::pin(shared.fiber(job, cell));
+        kept_off(cell, &Aim::at_fiber(&input), fiber).await?;
         let Some(other) = job.at_peak else {
             return Ok(());
         };
@@ -234,11 +234,7 @@ impl Shared<'_> {
                 if tip.spreads() {
                     continue;
                 }
-                let aim = Aim {
-                    side: tip.job.side,
-                    tip: Tip::Fiber,
-                    port: tip.job.port,
-                };
+                let aim = Aim::at_fiber(tip.job);
                 tip.scan.set_radius(radius);
                 self.come_close(tip.job, cell, &aim, &mut tip.scan, tip.before)
                     .await?;

@@ -178,6 +178,17 @@ pub struct Sweep {
     pub flyback: f64,
 }
 
+impl Sweep {
+    /// The same with lines gone along so many times as slowly.
+    #[must_use]
+    pub fn slower(self, times: f64) -> Self {
+        Self {
+            speed: self.speed / times,
+            ..self
+        }
+    }
+}
+
 impl Default for Sweep {
     fn default() -> Self {
         Self {

@@ -4,8 +4,9 @@ use pigtail_hal::spec::{AXES, SIDES};
 use pigtail_hal::{Side, Spec};
 use pigtail_model::frames::Displacement;
 
-/// Cycles before a frame's exposure that are remembered, so that it is known how fast a holder went then.
-const BEFORE: usize = 9;
+/// Cycles before a frame's exposure that are remembered, so that it is known how fast a holder went then, and where it was if the camera is later than it
+/// says.
+const BEFORE: usize = 64;
 
 /// A holder's outputs (radians) and its micro's displacement (metres) in one cycle.
 pub(super) type Stand = ([f64; AXES], Displacement);

@@ -257,6 +257,45 @@ topic! {
 }
 
 topic! {
+    /// Micros that swing for longer than anybody knows, as a camera sees it.
+    pub struct MicroRingDown in "ring_down", shown [Fast] {
+        /// A micro goes to and fro so far while its tip is far from all...
+        radius: f64 = 1.6e-6, "m", Choice;
+        /// ...and so often at each of the rates of what it does later: one that swings by them farther and farther shows it, and not so far that who guards the
+        /// machine minds.
+        turns: f64 = 3.0, "turns", Choice;
+        /// How much earlier or later than it says a camera may expose a frame.
+        exposed: f64 = 12e-3, "s", Choice;
+        /// A tip that swings by so much more than it is told to, seen where it is farthest...
+        astray: f64 = 3.5e-6, "m", Choice;
+        /// ...and by so many deviations of the camera's noise, as it was seen before: three frames make twice that of noise alone once in 400,000 times.
+        deviations: f64 = 3.0, "sigma", Choice;
+        /// What the camera states of its noise counts as much as so many frames.
+        stated: f64 = 2.0, "frames", Choice;
+        /// A micro goes to and fro when a tip has been on its way for so long, by when it was seen how noisy the camera is.
+        after: f64 = 0.2, "s", Choice;
+        /// How many times as noisy as it states a camera may be, as far as what was seen is concerned.
+        noises: [f64; 6] = [1.0, 1.4, 2.0, 2.8, 4.0, 5.6], "1", Choice;
+        /// A holder whose way from frame to frame differs by no more is on a steady way, or at rest.
+        steady: f64 = 10e-6, "m", Choice;
+        /// What it winds up where it sets out or turns back has settled after so many frames more.
+        settled: u32 = 5, "frames", Choice;
+        /// For how long one that swings is looked at after it was left alone.
+        watched: f64 = 0.4, "s", Choice;
+        /// It takes this much longer to come to rest than was believed, at least.
+        longer: f64 = 2.0, "1", Choice;
+        /// Fewer frames tell nothing of that.
+        frames: usize = 3, "1", Choice;
+        /// Time constants that are tried, from...to, in so many steps of equal ratio: 15 Hz damped by 0.01 has one of a second.
+        constants: [f64; 2] = [0.01, 1.0], "s", Choice;
+        /// See above.
+        steps: u32 = 40, "1", Choice;
+        /// The longest is believed that makes what was seen no less likely than this, by minus twice the logarithm: two standard deviations.
+        bears: f64 = 4.0, "1", Choice;
+    }
+}
+
+topic! {
     /// How tips shake.
     pub struct TipShaking in "shaking", shown [Fast] {
         /// That a tip which was measured has changed since, and is such as is usual: a loose screw, another table, a machine

@@ -15,6 +15,10 @@ topic! {
         spare: f64 = 0.1, "1", Choice;
         /// What a gap is corrected by at least where that is in doubt.
         finely: f64 = 0.2, "tolerances", Choice;
+        /// A fiber that waits is taken away from the chip where vision sees it so much nearer than it was...
+        kept_off: f64 = 0.5e-6, "m", Choice;
+        /// ...as often as this: vision is to have seen what came of the last time.
+        kept_every: f64 = 1.0, "s", Choice;
         /// For how long vision may look at a tip at the chip where it could then know the gap: the light would take as long to tell
         /// it.
         looks: f64 = 0.8, "s", Measured;
@@ -204,6 +208,8 @@ topic! {
         late: f64 = 2e-3, "s", Choice;
         /// Over how long a speed is seen.
         speed: f64 = 3.2e-3, "s", Choice;
+        /// A holder that goes less than this in that time stands still.
+        still: f64 = 0.2e-6, "m", Choice;
         /// What a camera states of its noise counts as much as so many frames.
         stated: f64 = 16.0, "frames", Choice;
         /// A frame lies on one side of what is believed from so far on: half of the least motion that is to be noticed...

@@ -43,6 +43,10 @@ topic! {
         followed: f64 = 50.0, "samples", Choice;
         /// Share of what a micro gets to that a line uses.
         sure: f64 = 0.99, "1", Choice;
+        /// Share of the gap that it may come nearer by where it swings along an inclined facet...
+        nearer: f64 = 0.7, "1", Choice;
+        /// ...and of how far a holder may have it from where it should be: who guards the machine compares frames.
+        swings: f64 = 0.2, "1", Choice;
         /// How far beyond the end of a line a peak is expected whose light was brightest there.
         beyond: f64 = 0.5, "widths", Choice;
         /// Light of less than so many times what counts as light is looked at once more on the approach.
