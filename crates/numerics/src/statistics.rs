@@ -386,6 +386,43 @@ pub fn kolmogorov_smirnov(a: &Sorted, b: &Sorted) -> Option<(f64, f64)> {
     Some((distance, chance))
 }
 
+/// The standard deviation of a normal distribution about zero that holds as much as 19 of 20 draws lie within of some distributions together,
+/// each of a weight, a mean and a deviation.
+///
+/// Where one of several is likely and narrow, and another is unlikely and broad, their common variance is that of the broad one, though most
+/// draws lie within the narrow one.
+pub fn spread_of_mixture(parts: &[(f64, f64, f64)]) -> f64 {
+    /// Deviations of a normal distribution within which 19 of 20 draws lie, and how often an interval is halved.
+    const WITHIN: f64 = 1.959_964;
+    const HALVED: usize = 60;
+    let all: f64 = parts.iter().map(|(weight, ..)| weight).sum();
+    let below = |z: f64| 0.5 * libm::erfc(-z * FRAC_1_SQRT_2);
+    let beyond = |half: f64| {
+        let each = parts.iter().map(|(weight, mean, std)| {
+            let std = std.max(f64::MIN_POSITIVE);
+            weight * (below((-half - mean) / std) + below((mean - half) / std))
+        });
+        each.sum::<f64>() / all
+    };
+    let mut low = 0.0;
+    let mut high = parts
+        .iter()
+        .map(|(_, mean, std)| mean.abs() + 4.0 * std)
+        .fold(0.0, f64::max);
+    if !high.is_finite() {
+        return f64::INFINITY;
+    }
+    for _ in 0..HALVED {
+        let half = 0.5 * (low + high);
+        if beyond(half) > 0.05 {
+            low = half;
+        } else {
+            high = half;
+        }
+    }
+    high / WITHIN
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -538,5 +575,15 @@ mod tests {
         let same = Sorted::new(vec![1.0, 1.0, 2.0]);
         assert_eq!(kolmogorov_smirnov(&same, &same), Some((0.0, 1.0)));
         assert_eq!(kolmogorov_smirnov(&same, &Sorted::default()), None);
+    }
+
+    #[test]
+    fn a_mixture_is_as_broad_as_most_of_it() {
+        assert!((spread_of_mixture(&[(2.0, 0.0, 0.3)]) - 0.3).abs() < 1e-6);
+        // A hundredth that lies far off is beyond what 19 of 20 are within; a tenth is not.
+        let with =
+            |weight: f64| spread_of_mixture(&[(1.0 - weight, 0.0, 1.0), (weight, 50.0, 1.0)]);
+        assert!((1.0..1.1).contains(&with(0.01)), "{}", with(0.01));
+        assert!((24.0..27.0).contains(&with(0.1)), "{}", with(0.1));
     }
 }

@@ -2,11 +2,12 @@
 
 use super::record::Record;
 use super::search::{extend_pole, squares};
-use super::{Known, Unknown};
+use super::{Known, Model, Unknown};
 use crate::steady::chi_squared;
 use nalgebra::Complex;
 use pigtail_numerics::nonlinear::{minimise, uncertainty_of_points};
 use pigtail_numerics::signal::independent;
+use pigtail_numerics::statistics::spread_of_mixture;
 
 /// That nothing is known of a delay that is unsure by more than itself, and by more than a third of a radian at the highest frequency
 /// (`top`, rad/s): none at all may be known well.
@@ -21,6 +22,21 @@ pub(super) fn vague(delay: &Known, top: f64) -> Option<Unknown> {
             delay.value
         ),
     })
+}
+
+/// The deviation of the first of some models' delay, `own` by itself, with how likely the others are, how far off their delays are and how unsure.
+pub(super) fn between(models: &[Model], own: f64) -> f64 {
+    /// Likely by less than this of the first one a model says nothing.
+    const NOTHING: f64 = 1e-4;
+    let at = |m: &Model| 2 * m.record.modes(&m.coded);
+    let told = models.first().map_or(0.0, |m| m.coded[at(m)]);
+    let others = models[1..].iter().filter(|m| m.likely > NOTHING);
+    let others = others.filter_map(|m| {
+        let known = uncertainty_of_points(|c| m.record.residuals(c), &m.coded)?;
+        let known = known.std[at(m)].max(known.std_correlated[at(m)]);
+        Some((m.likely, m.coded[at(m)] - told, known))
+    });
+    spread_of_mixture(&others.chain([(1.0, 0.0, own)]).collect::<Vec<_>>())
 }
 
 /// How far the delay moves with what nobody knows of the model, as it is searched: whether modes are of proportional
@@ -45,6 +61,10 @@ pub(super) fn delay_spread(record: &Record, coded: &[f64]) -> f64 {
         };
         let off = (other[at] - own).abs();
         let gained = points * (least / squares(&model(other))).ln();
+        // More numbers tell no less: a search that ended elsewhere.
+        if more > 0 && gained < 0.0 {
+            return;
+        }
         if more > 0 && gained > chi_squared(more as f64) {
             let worth = gained - more as f64 * points.ln();
             if asked.is_none_or(|(most, _)| worth > most) {
@@ -70,7 +90,7 @@ pub(super) fn delay_spread(record: &Record, coded: &[f64]) -> f64 {
         by_model(&|c| more.residuals(c), &other, 2);
     }
     let filtered = |c: &[f64]| behind_a_filter(record, c);
-    if let Some(other) = a_filter(&filtered, coded, at) {
+    if let Some(other) = a_filter(&filtered, coded, (at, record.filtered)) {
         by_model(&filtered, &other, 1);
     }
     // With modes and poles as they are, by a part of the points.
@@ -82,11 +102,14 @@ pub(super) fn delay_spread(record: &Record, coded: &[f64]) -> f64 {
             weight: record.weight[rows].to_vec(),
             ..record.clone()
         };
-        // The delay is counted by the highest frequency.
+        // The delay is counted by the highest frequency, and so is a filter.
         let scale = part.highest() / record.highest();
         let residuals = |d: &[f64]| {
             let mut moved = coded.to_vec();
             moved[at] = d[0] * scale;
+            if part.filtered {
+                moved[coded.len() - 1] *= scale;
+            }
             part.residuals(&moved)
         };
         let known = uncertainty_of_points(residuals, &[own]).map(|s| s.std_correlated[0]);
@@ -125,8 +148,41 @@ fn behind_a_filter(record: &Record, coded: &[f64]) -> Vec<f64> {
     unfiltered.residuals(model)
 }
 
-/// The numbers of such a model that tell a response best, its filter begun within and above the points.
-fn a_filter(left: &impl Fn(&[f64]) -> Vec<f64>, coded: &[f64], delay: usize) -> Option<Vec<f64>> {
+/// Where a model begins of which the slowest real pole comes before the modes, below which it lies.
+///
+/// Creep beside or before the modes has the same magnitude, but before them it turns each by some thousandths, and so little is a
+/// delay already.
+pub(super) fn in_series(record: &Record, coded: &[f64]) -> Option<(Record, Vec<f64>)> {
+    /// A share of creep to begin with.
+    const BEGUN: f64 = 0.1;
+    let modes = record.modes(coded);
+    let lowest = coded[..2 * modes]
+        .iter()
+        .step_by(2)
+        .copied()
+        .fold(f64::INFINITY, f64::min);
+    let poles = &coded[2 * modes + 1..][..record.poles];
+    let (slowest, pole) = (0..).zip(poles).min_by(|a, b| a.1.total_cmp(b.1))?;
+    if *pole > lowest || record.creeping {
+        return None;
+    }
+    let mut start = coded.to_vec();
+    start.remove(2 * modes + 1 + slowest);
+    let at = start.len() - record.factors();
+    start.splice(at..at, [BEGUN, *pole]);
+    let record = Record {
+        creeping: true,
+        ..record.with_poles(record.poles - 1)
+    };
+    Some((record, start))
+}
+
+/// The numbers of a model behind a filter that tell a response best, the filter begun within and above the points.
+fn a_filter(
+    left: &impl Fn(&[f64]) -> Vec<f64>,
+    coded: &[f64],
+    (delay, filtered): (usize, bool),
+) -> Option<Vec<f64>> {
     const ABOVE: [f64; 2] = [0.3, 1.5];
     ABOVE
         .iter()
@@ -135,7 +191,11 @@ fn a_filter(left: &impl Fn(&[f64]) -> Vec<f64>, coded: &[f64], delay: usize) -> 
             start[delay] -= above;
             minimise(left, &start)
         })
-        .filter(|(found, _)| found.last().is_some_and(|above| *above > 0.0))
+        .filter(|(found, _)| {
+            found[coded.len() - 1 + usize::from(!filtered)..]
+                .iter()
+                .all(|above| *above > 0.0)
+        })
         .min_by(|a, b| a.1.total_cmp(&b.1))
         .map(|(found, _)| found)
 }

@@ -84,6 +84,8 @@ fn least_phase(record: &Record) -> Record {
         phased: true,
         poles: 0,
         most_poles: 0,
+        creeping: false,
+        filtered: false,
         lean: None,
     }
 }
@@ -192,7 +194,7 @@ fn held_back(record: &Record, coded: &[f64]) -> Option<f64> {
 pub(super) fn identify(record: &Record) -> Result<Identified, Unknown> {
     let phased = least_phase(record);
     let found = search(&phased);
-    modes_of(&found)?;
+    modes_of(record, &found)?;
     let failed = || Unknown::all("the fit to all of its points failed");
     let (coded, held_back) =
         pruned(found.coded, 0, |coded| held_back(&phased, coded)).ok_or_else(failed)?;

@@ -27,7 +27,7 @@ pub use record::Record;
 use self::alike::Sides;
 use self::delay::{delay_spread, vague};
 use self::record::ASIDE;
-use self::search::{Found, pruned, search, without_idle_modes, without_idle_poles};
+use self::search::{Found, pruned, search, squares, without_idle_modes, without_idle_poles};
 use super::{Known, Parameter, Unknown};
 use nalgebra::Complex;
 use pigtail_numerics::nonlinear::{minimise, uncertainty_of_points};
@@ -237,8 +237,8 @@ fn of_one_kind(record: &Record, found: &Identified) -> Result<(), Unknown> {
 }
 
 /// That there are modes, and that they tell something.
-fn modes_of(found: &Found) -> Result<usize, Unknown> {
-    let modes = (found.coded.len() - 1 - found.poles) / 2;
+fn modes_of(record: &Record, found: &Found) -> Result<usize, Unknown> {
+    let modes = record.with_poles(found.poles).modes(&found.coded);
     if modes == 0 {
         return Err(Unknown::all(format!(
             "no mode tells it better than a response without one, which is {:.1} % off",
@@ -292,28 +292,86 @@ fn with_points_apart(record: &Record) -> Result<Identified, Unknown> {
     })
 }
 
-fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
-    if !record.phased {
-        return magnitude::identify(record);
+/// Models of a response that it does not exclude, settled on all of its points, the likeliest first; and of each how likely it is beside that, and its
+/// error at the points held back.
+///
+/// A filter behind all, a sensor's or an amplifier's, is one number. As a sum it is a pole of its own and turns the residue of every mode; where
+/// nobody looks for that, a mode without a peak stands in for it, at a frequency that no part of the machine has, or a delay. Creep
+/// before the modes turns them too, by some thousandths. So both are kinds of models beside sums of proportional damping and of another one, and
+/// the Bayesian information criterion says how likely each is.
+fn models(record: &Record) -> Result<Vec<Model>, Unknown> {
+    let kind = |skewed: bool, filtered: bool| {
+        let kind = Record {
+            skewed,
+            filtered,
+            ..record.clone()
+        };
+        settled(&kind, &search(&kind))
+    };
+    let plain = kind(false, false);
+    let why = plain.as_ref().err().cloned();
+    let mut found: Vec<Model> = [plain, kind(true, false), kind(false, true)]
+        .into_iter()
+        .flatten()
+        .collect();
+    let before: Vec<Model> = found.iter().filter_map(Model::creeping).collect();
+    found.extend(before);
+    let within = |m: &Model| {
+        let all = record.frequency[0]..search::FARTHEST * record.highest();
+        !m.record.filtered
+            || m.record
+                .filter(&m.coded)
+                .is_some_and(|pole| all.contains(&pole))
+    };
+    found.retain(within);
+    let left = |m: &Model| m.record.residuals(&m.coded);
+    let least = found
+        .iter()
+        .map(left)
+        .min_by(|a, b| squares(a).total_cmp(&squares(b)));
+    let Some(least) = least else {
+        return Err(why.unwrap_or_else(|| Unknown::all("the fit to its points failed")));
+    };
+    let points = search::own_points(&least);
+    let criterion = |m: &Model| search::criterion(&m.record, &m.coded, points);
+    let best = found.iter().map(criterion).fold(f64::INFINITY, f64::min);
+    for model in &mut found {
+        model.likely = (0.5 * (best - criterion(model))).exp();
     }
-    let plain = search(record);
-    let skewed = Record {
-        skewed: true,
-        ..record.clone()
-    };
-    let other = search(&skewed);
-    let (record, found) = if other.error < (1.0 - WORTH) * plain.error {
-        (&skewed, other)
-    } else {
-        (record, plain)
-    };
-    modes_of(&found)?;
-    let (record, found) = without_idle_poles(record, &found)
+    found.sort_by(|a, b| b.likely.total_cmp(&a.likely));
+    Ok(found)
+}
+
+/// A model of a response.
+#[derive(Clone)]
+struct Model {
+    record: Record,
+    coded: Vec<f64>,
+    error: f64,
+    /// How many times as likely as the likeliest.
+    likely: f64,
+}
+
+impl Model {
+    /// The same with its slowest real pole before the modes.
+    fn creeping(&self) -> Option<Self> {
+        let (record, start) = delay::in_series(&self.record, &self.coded)?;
+        let (coded, _) = minimise(|c| record.residuals(c), &start)?;
+        Some(Self {
+            record,
+            coded,
+            ..*self
+        })
+    }
+}
+
+fn settled(record: &Record, found: &Found) -> Result<Model, Unknown> {
+    modes_of(record, found)?;
+    let (record, found) = without_idle_poles(record, found)
         .ok_or_else(|| Unknown::all("the fit to all of its points failed"))?;
-    let record = &record;
     let every = record.frequency.len().div_ceil(2 * ENOUGH);
     let (even, odd) = (record.points(0, 2 * every), record.points(every, 2 * every));
-    let (coded, error) = pruned(found.coded, found.poles, |coded| {
+    let (coded, error) = pruned(found.coded, record.poles + record.factors(), |coded| {
         let (settled, _) = minimise(|c| even.residuals(c), coded)?;
         let (values, _) = even.linear(&settled)?;
         Some(odd.error(&settled, &values)).filter(|e| e.is_finite())
@@ -321,7 +379,27 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
     .ok_or_else(|| Unknown::all("the fit to its points failed"))?;
     let (coded, _) = minimise(|c| record.residuals(c), &coded)
         .ok_or_else(|| Unknown::all("the fit to all of its points failed"))?;
-    let coded = without_idle_modes(record, coded);
+    let coded = without_idle_modes(&record, coded);
+    Ok(Model {
+        record,
+        coded,
+        error,
+        likely: 1.0,
+    })
+}
+
+fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
+    if !record.phased {
+        return magnitude::identify(record);
+    }
+    let models = models(record)?;
+    let Model {
+        record,
+        coded,
+        error,
+        ..
+    } = models[0].clone();
+    let record = &record;
     let modes = record.modes(&coded);
     rows::of_one(record, &coded)?;
     if modes == MODES {
@@ -351,9 +429,11 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
     let delay = Known {
         value: coded[2 * modes] / top,
         std: solution.std[2 * modes] / top,
-        std_correlated: solution.std_correlated[2 * modes]
-            .max(solution.std[2 * modes])
-            .max(delay_spread(record, &coded))
+        std_correlated: delay::between(
+            &models,
+            solution.std_correlated[2 * modes].max(solution.std[2 * modes]),
+        )
+        .max(delay_spread(record, &coded))
             / top,
     };
     let steps: Vec<f64> = record.frequency.windows(2).map(|w| w[1] - w[0]).collect();
@@ -387,10 +467,7 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
         record: record.clone(),
         modes,
         peaks: peaks(record, &coded, &values),
-        real_poles: coded[2 * modes + 1..]
-            .iter()
-            .map(|c| c.exp() / TAU)
-            .collect(),
+        real_poles: record.real_poles(&coded),
         set_aside: Vec::new(),
     })
 }
@@ -539,6 +616,27 @@ mod tests {
             assert!((of(z) / zeta - 1.0).abs() < 0.05, "{z}: {}", of(z));
         }
         assert!((of("delay") - 1.3e-3).abs() < 2e-5, "{}", of("delay"));
+    }
+
+    #[test]
+    fn a_filter_behind_all_is_no_delay_and_no_mode() {
+        let truth = [(60.0, 0.02, 1.0), (180.0, 0.03, -0.4)];
+        let (delay, pole) = (4e-4, 250.0);
+        let mut record = made(&truth, delay, 0.02, 1.0);
+        for (f, h) in record.frequency.iter().zip(&mut record.response) {
+            *h /= Complex::new(1.0, f / pole);
+        }
+        let record = Record::new(&record.frequency, &record.response, None).unwrap();
+        let found = identify(&record).unwrap();
+        assert_eq!(found.modes, 2, "{found:?}");
+        let of = |name: &str| found.parameters.iter().find(|p| p.name == name);
+        let told = of("delay").and_then(|p| p.known).unwrap();
+        let off = (told.value - delay).abs();
+        assert!(off < 3.0 * told.std_correlated && off < 2e-5, "{told:?}");
+        let [filter] = found.real_poles[..] else {
+            panic!("{:?}", found.real_poles);
+        };
+        assert!((filter / pole - 1.0).abs() < 0.1, "{filter}");
     }
 
     #[test]

@@ -37,6 +37,12 @@ pub struct Record {
     /// Real poles that stand behind the delay in what is searched, and most of them.
     pub(super) poles: usize,
     pub(super) most_poles: usize,
+    /// Whether creep comes before the modes instead of beside them. Its share and the logarithm of its pole stand behind the real poles in
+    /// what is searched.
+    pub(super) creeping: bool,
+    /// Whether all of it went through a filter of one pole, whose number stands last in what is searched: how many times the highest
+    /// frequency lies above the pole.
+    pub(super) filtered: bool,
     /// How much counts what is left along each point's response and across it; real and imaginary parts, alike, if none.
     pub(super) lean: Option<[f64; 2]>,
 }
@@ -144,6 +150,8 @@ impl Record {
             phased: true,
             poles: 0,
             most_poles: POLES,
+            creeping: false,
+            filtered: false,
             lean: None,
         })
     }
@@ -202,6 +210,8 @@ impl Record {
             phased: self.phased,
             poles: self.poles,
             most_poles: self.most_poles,
+            creeping: self.creeping,
+            filtered: self.filtered,
             lean: self.lean,
         }
     }
@@ -240,7 +250,42 @@ impl Record {
 
     /// Number of modes in what is searched.
     pub(super) fn modes(&self, coded: &[f64]) -> usize {
-        (coded.len() - 1 - self.poles) / 2
+        (coded.len() - 1 - self.poles - self.factors()) / 2
+    }
+
+    /// How many numbers of what is searched, its last ones, are of what comes before or behind all else.
+    pub(super) fn factors(&self) -> usize {
+        2 * usize::from(self.creeping) + usize::from(self.filtered)
+    }
+
+    /// Real poles, Hz: those beside the modes, creep before them, a filter behind.
+    pub(super) fn real_poles(&self, coded: &[f64]) -> Vec<f64> {
+        let beside = &coded[2 * self.modes(coded) + 1..][..self.poles];
+        let creep = self.creep(coded).map(|(_, pole)| pole / TAU);
+        beside
+            .iter()
+            .map(|c| c.exp() / TAU)
+            .chain(creep)
+            .chain(self.filter(coded))
+            .collect()
+    }
+
+    /// The share of creep that comes before the modes, and its pole, rad/s.
+    fn creep(&self, coded: &[f64]) -> Option<(f64, f64)> {
+        let at = coded.len() - self.factors();
+        self.creeping.then(|| (coded[at], coded[at + 1].exp()))
+    }
+
+    /// Number of what is linear.
+    pub(super) fn linear_parts(&self, coded: &[f64]) -> usize {
+        let each = if self.skewed { 2 } else { 1 };
+        each * self.modes(coded) + 3 + self.poles
+    }
+
+    /// Where the filter's pole lies by what is searched, Hz.
+    pub(super) fn filter(&self, coded: &[f64]) -> Option<f64> {
+        let above = coded.last().filter(|_| self.filtered)?;
+        Some(self.highest() / above)
     }
 
     pub(super) fn with_poles(&self, poles: usize) -> Self {
@@ -261,15 +306,28 @@ impl Record {
         let modes = self.modes(coded);
         let tau = coded[2 * modes] / top;
         let each = if self.skewed { 2 } else { 1 };
-        let mut x = DMatrix::zeros(2 * n, each * modes + 3 + self.poles);
+        let mut x = DMatrix::zeros(2 * n, self.linear_parts(coded));
         // Exponentials once for all frequencies: they are half of what a search takes.
         let own: Vec<(f64, f64)> = (0..modes)
             .map(|k| (coded[2 * k].exp(), coded[2 * k + 1].exp()))
             .collect();
-        let poles: Vec<f64> = coded[2 * modes + 1..].iter().map(|p| p.exp()).collect();
+        let poles = &coded[2 * modes + 1..];
+        let poles: Vec<f64> = poles[..self.poles].iter().map(|p| p.exp()).collect();
+        let above = if self.filtered {
+            coded[coded.len() - 1]
+        } else {
+            0.0
+        };
+        let creep = self.creep(coded);
         for i in 0..n {
             let w = TAU * self.frequency[i];
-            let turn = Complex::from_polar(self.weight[i], -w * tau);
+            let mut turn = Complex::from_polar(self.weight[i], -w * tau);
+            if let Some((share, pole)) = creep {
+                turn *= 1.0 + share / Complex::new(1.0, w / pole);
+            }
+            if self.filtered {
+                turn /= Complex::new(1.0, above * w / top);
+            }
             let mut set = |j: usize, value: Complex<f64>| {
                 let value = self.leaning(i, turn * value);
                 x[(i, j)] = value.re;

@@ -46,11 +46,13 @@ pub(super) fn extend(record: &Record, coded: &[f64]) -> Option<Vec<f64>> {
 pub(super) fn extend_pole(record: &Record, coded: &[f64]) -> Option<Vec<f64>> {
     const PLACES: usize = 16;
     let (low, high) = (0.3 * record.frequency[0], record.highest());
+    // What comes before and behind all stands last.
+    let last = coded.len() - record.factors();
     let mut tries: Vec<(f64, Vec<f64>)> = (0..PLACES)
         .map(|k| {
             let place = low * (high / low).powf(k as f64 / (PLACES - 1) as f64);
             let mut with = coded.to_vec();
-            with.push((TAU * place).ln());
+            with.insert(last, (TAU * place).ln());
             (squares(&record.residuals(&with)), with)
         })
         .filter(|t| t.0.is_finite())
@@ -62,9 +64,23 @@ pub(super) fn extend_pole(record: &Record, coded: &[f64]) -> Option<Vec<f64>> {
         .take(2)
         .filter_map(settle)
         .min_by(|a, b| a.1.total_cmp(&b.1))?;
-    let within = |c: &f64| (0.05 * record.frequency[0]..3.0 * high).contains(&(c.exp() / TAU));
-    let poles = &best.0[best.0.len() - record.poles..];
+    let within = |c: &f64| (0.05 * record.frequency[0]..FARTHEST * high).contains(&(c.exp() / TAU));
+    let poles = &best.0[..=last][last + 1 - record.poles..];
     poles.iter().all(within).then_some(best.0)
+}
+
+/// How many times the highest frequency a real pole may lie at.
+pub(super) const FARTHEST: f64 = 3.0;
+
+/// The Bayesian information criterion of a model (G. Schwarz, 1978) by how many points there are; the least is asked for.
+pub(super) fn criterion(record: &Record, coded: &[f64], points: f64) -> f64 {
+    let numbers = (coded.len() + record.linear_parts(coded)) as f64;
+    points * squares(&record.residuals(coded)).ln() + numbers * points.ln()
+}
+
+/// How many points what is left has of its own: the correlation of neighbours taken off, and those that carry nothing.
+pub(super) fn own_points(left: &[f64]) -> f64 {
+    independent(left) * carrying(left)
 }
 
 /// Whether a mode is one: within the points, and not so damped that it is no resonance.
@@ -88,26 +104,30 @@ pub(super) struct Found {
 pub(super) fn search(record: &Record) -> Found {
     /// Radians at the highest frequency by which delays differ that are of one minimum.
     const ONE: f64 = 1e-4;
+    /// A filter is begun about the highest frequency.
+    const BEGUN: f64 = 1.0;
     let slope = record.delay();
     let every = record.frequency.len().div_ceil(2 * ENOUGH);
     let even = record.points(0, 2 * every);
-    let mut delays: Vec<f64> = Vec::new();
+    let filter: &[f64] = if record.filtered { &[BEGUN] } else { &[] };
+    let mut delays: Vec<Vec<f64>> = Vec::new();
     for share in [0.0, 0.15, 0.3, 0.5, 0.75, 1.0] {
         let start = share * slope;
-        let settled = minimise(|c| even.residuals(c), &[start]).map_or(start, |(c, _)| c[0]);
-        if delays.iter().all(|d| (d - settled).abs() > ONE) {
+        let start = [&[start][..], filter].concat();
+        let settled = minimise(|c| even.residuals(c), &start).map_or(start, |(c, _)| c);
+        if delays.iter().all(|d| (d[0] - settled[0]).abs() > ONE) {
             delays.push(settled);
         }
     }
     delays
         .iter()
-        .map(|delay| search_from(record, *delay))
+        .map(|delay| search_from(record, delay))
         .min_by(|a, b| a.error.total_cmp(&b.error))
-        .unwrap_or_else(|| search_from(record, 0.0))
+        .unwrap_or_else(|| search_from(record, &[&[0.0][..], filter].concat()))
 }
 
-/// A search from a delay that a response without modes has settled at.
-fn search_from(record: &Record, delay: f64) -> Found {
+/// A search from a delay, and a filter where there is one, that a response without modes has settled at.
+fn search_from(record: &Record, delay: &[f64]) -> Found {
     let every = record.frequency.len().div_ceil(2 * ENOUGH);
     let (even, odd) = (record.points(0, 2 * every), record.points(every, 2 * every));
     let judged = |coded: &[f64], poles: usize| {
@@ -116,7 +136,7 @@ fn search_from(record: &Record, delay: f64) -> Found {
             .linear(coded)
             .map_or(f64::INFINITY, |(values, _)| odd.error(coded, &values))
     };
-    let mut coded = vec![delay];
+    let mut coded = delay.to_vec();
     let mut poles = 0;
     let mut error = judged(&coded, poles);
     let none = error;
@@ -174,7 +194,7 @@ pub(super) fn without_idle_poles(record: &Record, found: &Found) -> Option<(Reco
             break;
         };
         let with = own.residuals(&coded);
-        let points = independent(&with) * carrying(&with);
+        let points = own_points(&with);
         // Its frequency and its residue.
         if points * (left / squares(&with)).ln() > 2.0 * points.ln() {
             break;
@@ -208,7 +228,7 @@ pub(super) fn without_idle_modes(record: &Record, mut coded: Vec<f64>) -> Vec<f6
             .map(|(fewer, _)| (squares(&record.residuals(&fewer)), fewer))
             .min_by(|a, b| a.0.total_cmp(&b.0));
         let with = record.residuals(&coded);
-        let points = independent(&with) * carrying(&with);
+        let points = own_points(&with);
         match fewer {
             Some((left, fewer)) if points * (left / squares(&with)).ln() <= each * points.ln() => {
                 coded = fewer;
@@ -222,7 +242,7 @@ pub(super) fn without_idle_modes(record: &Record, mut coded: Vec<f64>) -> Vec<f6
 /// The search's numbers without one of its poles, settled anew, and what they leave. A pole beyond the band is a delay by its time
 /// constant: from delays with and without that.
 fn settled_without(fewer: &Record, coded: &[f64], pole: usize) -> Option<(Vec<f64>, f64)> {
-    let at = 2 * ((coded.len() - 2 - fewer.poles) / 2);
+    let at = 2 * ((coded.len() - 2 - fewer.poles - fewer.factors()) / 2);
     let mut without = coded.to_vec();
     let corner = without.remove(at + 1 + pole).exp();
     let late = TAU * fewer.highest() / corner;
@@ -249,14 +269,14 @@ fn carrying(residuals: &[f64]) -> f64 {
 }
 
 /// Without the modes that a search added on its way and the points held back do not miss; `held_back` is the
-/// error there. And that error.
+/// error there, `others` how many numbers are not of modes or the delay. And that error.
 pub(super) fn pruned(
     mut coded: Vec<f64>,
-    poles: usize,
+    others: usize,
     held_back: impl Fn(&[f64]) -> Option<f64>,
 ) -> Option<(Vec<f64>, f64)> {
     let mut error = held_back(&coded).unwrap_or(f64::INFINITY);
-    let modes = |coded: &[f64]| (coded.len() - 1 - poles) / 2;
+    let modes = |coded: &[f64]| (coded.len() - 1 - others) / 2;
     while modes(&coded) > 1 {
         let without = |k: usize| {
             let mut fewer = coded.clone();

@@ -12,10 +12,12 @@
 //! a second at a rad/s is a thousandth of a radian, more than most transmissions wind up.
 
 mod alike;
+mod blurred;
 mod check;
 mod role;
 mod signals;
 mod smoothed;
+mod ways;
 
 use alike::{agreed, changing, of_one_moment, unsure};
 use check::{check, excitation};
@@ -263,6 +265,10 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
         remarks.extend(smoothed.matters.then(|| SMOOTHED.to_owned()));
         unknown.extend(smoothed.open.filter(|_| unknown.is_empty()));
     }
+    less.extend(ways::others(chosen, &signals));
+    let (by_blur, no_blur) = blurred::others(chosen, &signals);
+    less.extend(by_blur);
+    unknown.extend(no_blur.filter(|_| unknown.is_empty()));
     let parameters = chosen
         .parameters
         .iter()
@@ -593,5 +599,23 @@ mod tests {
             best.residual,
             found.raw
         );
+    }
+
+    #[test]
+    fn where_it_turned_between_coarse_samples_it_is_told() {
+        // Every twentieth row of a motion at 250 Hz.
+        let record = made(2.8e-3, 1e-4, 1e-5);
+        let coarse = |column: usize| -> Vec<f64> {
+            let all = &record.even.stretches[0].columns[column];
+            all.iter().copied().step_by(20).collect()
+        };
+        let columns = [MOTOR, LOAD, TORQUE].map(coarse);
+        let time: Vec<f64> = (0..columns[0].len()).map(|k| 0.08 * k as f64).collect();
+        let columns = columns.each_ref().map(|c| &c[..]);
+        let found = identify(&Record::new(even(&time, &columns).unwrap(), true), None).unwrap();
+        let known = found.parameters.iter().find(|p| p.name == "w_max");
+        let known = known.and_then(|p| p.known).unwrap();
+        let off = (known.value - 1e-4).abs();
+        assert!(off < 3.0 * known.std_correlated && off < 4e-6, "{known:?}");
     }
 }

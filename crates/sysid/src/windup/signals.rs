@@ -118,7 +118,7 @@ impl Signals {
     }
 
     /// (2.20)-(2.26) with a maximum of one.
-    fn reversal(&self, way: f64) -> Vec<f64> {
+    pub(super) fn reversal(&self, way: f64) -> Vec<f64> {
         let model = Reversal { maximum: 1.0, way };
         let mut state = ReversalState::default();
         self.histories(|q, begins| {
@@ -154,18 +154,40 @@ impl Signals {
                     begin = self.path[k];
                     farthest = 0.0;
                 }
-                let q = self.path[k] - begin;
-                // It goes on, or has turned round for certain: the way back is then whole.
-                let back = if forward { farthest - q } else { q - farthest };
-                if back <= 0.0 {
-                    farthest = q;
-                } else if back > 2.0 * self.dead {
-                    forward = !forward;
-                    farthest = q;
+                let mut told = 0.0;
+                let between = self.turn(k).filter(|_| !begins);
+                for place in between.into_iter().chain([self.path[k]]) {
+                    let q = place - begin;
+                    // It goes on, or has turned round for certain: the way back is then whole.
+                    let back = if forward { farthest - q } else { q - farthest };
+                    if back <= 0.0 {
+                        farthest = q;
+                    } else if back > 2.0 * self.dead {
+                        forward = !forward;
+                        farthest = q;
+                    }
+                    told = next(farthest, begins);
                 }
-                next(farthest, begins)
+                told
             })
             .collect()
+    }
+
+    /// How far it went before it turned round between a sample and the one before, by the parabola through the three about the turn: of a coarse
+    /// record no sample is where it turned, and each turn would be cut off, as by a mean over one period.
+    fn turn(&self, k: usize) -> Option<f64> {
+        let vertex = |at: usize| {
+            let [before, here, behind] = self.path.get(at.checked_sub(1)?..at + 2)? else {
+                return None;
+            };
+            let (slope, bend) = (0.5 * (behind - before), behind - 2.0 * here + before);
+            let from = -slope / bend;
+            (from.abs() <= 0.5).then_some((from, here + 0.5 * slope * from))
+        };
+        let later = vertex(k.checked_sub(1)?).filter(|v| v.0 > 0.0);
+        later
+            .or_else(|| vertex(k).filter(|v| v.0 < 0.0))
+            .map(|v| v.1)
     }
 
     pub(super) fn columns(&self, parts: Parts, way: f64) -> Vec<(&'static str, Vec<f64>)> {
@@ -256,6 +278,12 @@ impl Signals {
             .collect()
     }
 
+    /// Ways that are tried first.
+    pub(super) fn ways(&self) -> impl Iterator<Item = f64> {
+        let range = self.range;
+        (0..14).map(move |k| 0.003 * SPACING.powi(k) * range)
+    }
+
     /// The way `Q` of (2.20) that fits best.
     pub(super) fn way(&self, parts: Parts) -> f64 {
         if !parts.reversal {
@@ -275,8 +303,8 @@ impl Signals {
             let own: Vec<f64> = rows.iter().map(|k| reversal[*k]).collect();
             rest.squares(&own)
         };
-        let coarse = (0..14)
-            .map(|k| 0.003 * SPACING.powi(k) * self.range)
+        let coarse = self
+            .ways()
             .map(|way| (squares(way), way))
             .min_by(|a, b| a.0.total_cmp(&b.0))
             .map_or(self.range, |(_, way)| way);
@@ -391,6 +419,75 @@ impl Signals {
             }
         }
         winds
+    }
+
+    /// The mean time from one turn to the next, seconds.
+    pub(super) fn between_turns(&self) -> f64 {
+        let turns = self.velocity.windows(2);
+        let turns = turns.filter(|v| (v[0] < 0.0) != (v[1] < 0.0)).count();
+        let period = self.time.get(1).map_or(0.0, |t| t - self.time[0]);
+        self.time.len() as f64 * period / (turns.max(1)) as f64
+    }
+
+    /// The same before a pole of so many seconds.
+    pub(super) fn ahead(&self, seconds: f64) -> Self {
+        let path = self.path.iter().zip(&self.velocity);
+        Self {
+            path: path.map(|(q, v)| q + seconds * v).collect(),
+            ..self.clone()
+        }
+    }
+
+    /// What a pole of so many seconds makes of a column, of each stretch by itself.
+    pub(super) fn through_pole(&self, column: &[f64], seconds: f64) -> Vec<f64> {
+        let mut last = (0.0, 0.0, 0.0);
+        (0..column.len())
+            .map(|k| {
+                let (time, now) = (self.time[k], column[k]);
+                let (before, input, output) = last;
+                let output = if self.begins.binary_search(&k).is_ok() {
+                    now
+                } else {
+                    // Of a column that goes straight from one sample to the next.
+                    let step = time - before;
+                    let slope = (now - input) / step;
+                    let kept = (-step / seconds).exp();
+                    now - slope * seconds + (output - input + slope * seconds) * kept
+                };
+                last = (time, now, output);
+                output
+            })
+            .collect()
+    }
+
+    /// A column so many seconds sooner.
+    pub(super) fn sooner(&self, column: &[f64], seconds: f64) -> Vec<f64> {
+        let period = self.time.get(1).map_or(1.0, |t| t - self.time[0]);
+        (0..column.len())
+            .map(|k| between(column, k as f64 + seconds / period))
+            .collect()
+    }
+
+    /// What a mean over so many seconds makes of a column, of each stretch by itself; over less at its ends.
+    pub(super) fn through_mean(&self, column: &[f64], seconds: f64) -> Vec<f64> {
+        let ends = self.begins[1..].iter().copied().chain([column.len()]);
+        let mut all = Vec::with_capacity(column.len());
+        for (from, to) in self.begins.iter().copied().zip(ends) {
+            let part = &column[from..to];
+            let period = self.time.get(from + 1).map_or(1.0, |t| t - self.time[from]);
+            let reach = (0.5 * seconds / period) as usize;
+            let sums: Vec<f64> = std::iter::once(0.0)
+                .chain(part.iter().scan(0.0, |sum, c| {
+                    *sum += c;
+                    Some(*sum)
+                }))
+                .collect();
+            all.extend((0..part.len()).map(|k| {
+                let reach = reach.min(k).min(part.len() - 1 - k);
+                (sums[k + reach + 1] - sums[k - reach]) / (2 * reach + 1) as f64
+            }));
+        }
+        all
     }
 
     /// The same with a path that goes farther where it turns, by so much of its acceleration.
