@@ -43,6 +43,7 @@ fn report(port: &'static str, outcome: Outcome) -> FiberReport {
         spot: None,
         strokes: None,
         gains: Vec::new(),
+        rests: None,
         place: None,
         phases: Vec::new(),
     }

@@ -170,7 +170,7 @@ mod tests {
                 height * (-TAU * resonance * damping * time).exp() * (TAU * resonance * time).cos();
             let noise = if k % 3 == 0 { SIGMA } else { -SIGMA };
             let beside = 3e-6 - left + noise;
-            let span = if k == 7 { 1e-6 } else { 0.0 };
+            let span = if k == 7 { 2e-6 } else { 0.0 };
             swing.note(Shown {
                 time,
                 ..shown(beside, 4e-6 * f64::from(k), span)

@@ -260,7 +260,7 @@ topic! {
     /// Micros that swing for longer than anybody knows, as a camera sees it.
     pub struct MicroRingDown in "ring_down", shown [Fast] {
         /// A micro goes to and fro so far while its tip is far from all...
-        radius: f64 = 1.6e-6, "m", Choice;
+        radius: f64 = 2.4e-6, "m", Choice;
         /// ...and so often at each of the rates of what it does later: one that swings by them farther and farther shows it, and not so far that who guards the
         /// machine minds.
         turns: f64 = 3.0, "turns", Choice;

@@ -338,9 +338,17 @@ fn models(record: &Record) -> Result<Vec<Model>, Unknown> {
     for model in &mut found {
         model.likely = (0.5 * (best - criterion(model))).exp();
     }
-    found.sort_by(|a, b| b.likely.total_cmp(&a.likely));
+    // What stands in for something else, as a mode that is none, is not believed while there is another model that is not excluded.
+    let stands_in = |m: &Model| m.likely < EXCLUDED || !m.has_modes_alone();
+    found.sort_by(|a, b| {
+        let likely = b.likely.total_cmp(&a.likely);
+        stands_in(a).cmp(&stands_in(b)).then(likely)
+    });
     Ok(found)
 }
+
+/// A model so much less likely than another is excluded.
+const EXCLUDED: f64 = 0.01;
 
 /// A model of a response.
 #[derive(Clone)]
@@ -353,6 +361,15 @@ struct Model {
 }
 
 impl Model {
+    /// Whether all its modes are some.
+    fn has_modes_alone(&self) -> bool {
+        let modes = self.record.modes(&self.coded);
+        let pairs = self.coded[..2 * modes].chunks(2);
+        pairs
+            .into_iter()
+            .all(|pair| search::is_mode(&self.record, pair))
+    }
+
     /// The same with its slowest real pole before the modes.
     fn creeping(&self) -> Option<Self> {
         let (record, start) = delay::in_series(&self.record, &self.coded)?;

@@ -84,7 +84,7 @@ pub(super) fn own_points(left: &[f64]) -> f64 {
 }
 
 /// Whether a mode is one: within the points, and not so damped that it is no resonance.
-fn is_mode(record: &Record, pair: &[f64]) -> bool {
+pub(super) fn is_mode(record: &Record, pair: &[f64]) -> bool {
     let (frequency, zeta) = (pair[0].exp() / TAU, pair[1].exp());
     (0.9 * record.frequency[0]..1.1 * record.highest()).contains(&frequency) && zeta < 0.7
 }
