@@ -272,7 +272,10 @@ pub(super) async fn calm_down(
     cell.wait(TUNING.ring_down.watched).await?;
     let longer = TUNING.ring_down.longer * cell.settling(side);
     let settling = cell.rests_after_swing(side).unwrap_or(0.0).max(longer);
-    cell.has_swung(fine(side), settling.min(slowest()));
+    // Micros of a machine are of a kind.
+    for each in Side::ALL {
+        cell.has_swung(fine(each), settling.min(slowest()));
+    }
     cell.wait(cell.settling(side) - (cell.now() - begin))
         .await?;
     cell.forget_seen(side);
