@@ -349,8 +349,7 @@ impl<'b> AlignmentCell<'b> {
         let seconds = TUNING.search.glide * self.spec().micro.settling;
         let from = self.micro(side);
         self.micro_path(side, (seconds, seconds / TUNING.search.glides), |time| {
-            let share = time / seconds;
-            from + (to - from) * (share * share * (3.0 - 2.0 * share))
+            from + (to - from) * eased(time / seconds)
         })
     }
 
@@ -596,6 +595,12 @@ impl<'b> AlignmentCell<'b> {
     pub fn forget_told(&self, side: Side) {
         self.tips.borrow_mut().forget_told(side);
     }
+}
+
+/// How far along a smooth way something is after a share of its time: at rest at either end.
+pub(crate) fn eased(share: f64) -> f64 {
+    let share = share.min(1.0);
+    share * share * (3.0 - 2.0 * share)
 }
 
 fn pose(at: Point<Macro>) -> Pose {

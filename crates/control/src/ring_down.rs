@@ -50,18 +50,19 @@ impl Swing {
         let tuned = &TUNING.ring_down;
         self.told |= shown.span > 0.5 * tuned.radius;
         // Transmissions wind up and let go where a holder sets out or stops, and go on at a steady pace where it does.
-        let steady = match self.last {
-            [Some(one), Some(two)] if one.tip == shown.tip && two.tip == shown.tip => {
-                let [a, b] = [two.holder, shown.holder];
-                let middle = Point::new(0.5 * (a.x + b.x), 0.5 * (a.y + b.y), 0.5 * (a.z + b.z));
-                middle.distance(one.holder) < tuned.steady
-            }
-            _ => false,
+        let steady = |[one, two]: &[Shown; 2]| {
+            let [a, b] = [two.holder, shown.holder];
+            let middle = Point::new(0.5 * (a.x + b.x), 0.5 * (a.y + b.y), 0.5 * (a.z + b.z));
+            let alike = one.tip == shown.tip && two.tip == shown.tip;
+            alike && middle.distance(one.holder) < tuned.steady
         };
-        self.steady = if steady { self.steady + 1 } else { 0 };
-        if let [Some(one), Some(two)] = self.last
-            && self.steady > 0
-        {
+        let [last, but_one] = self.last;
+        let before = last
+            .zip(but_one)
+            .map(|(one, two)| [one, two])
+            .filter(steady);
+        self.steady = before.map_or(0, |_| self.steady + 1);
+        if let Some([one, two]) = before {
             let way = shown.beside - 2.0 * one.beside + two.beside;
             let told = shown.span + 2.0 * one.span + two.span;
             let by = 0.25 * (way.abs() - told);

@@ -2,7 +2,7 @@
 
 use super::seen::{Top, dark, top_below};
 use super::{Look, Shared};
-use crate::cell::AlignmentCell;
+use crate::cell::{AlignmentCell, eased};
 use crate::conical_scan::{Gap, Walk};
 use crate::job::Job;
 use crate::outcome::{Halt, Outcome, SearchEvidence};
@@ -206,8 +206,7 @@ async fn rehearse(
     };
     let step = periods.into_iter().fold(line, f64::min) / TUNING.search.knots;
     cell.micro_path(side, (seconds, step), |time| {
-        let gone = (time / glide).min(1.0);
-        let middle = from + (end - from) * (gone * gone * (3.0 - 2.0 * gone));
+        let middle = from + (end - from) * eased(time / glide);
         Displacement::new(middle + tuned.radius * swung(time), 0.0)
     })?;
     Ok(())

@@ -268,7 +268,7 @@ topic! {
         exposed: f64 = 12e-3, "s", Choice;
         /// A tip that swings by so much more than it is told to, seen where it is farthest...
         astray: f64 = 3.5e-6, "m", Choice;
-        /// ...and by so many deviations of the camera's noise, as it was seen before: three frames make twice that of noise alone once in 400,000 times.
+        /// ...and by so many deviations of the camera's noise, as it was seen before: three frames make that of noise alone once in a million times.
         deviations: f64 = 3.0, "sigma", Choice;
         /// What the camera states of its noise counts as much as so many frames.
         stated: f64 = 2.0, "frames", Choice;

@@ -208,8 +208,6 @@ topic! {
         late: f64 = 2e-3, "s", Choice;
         /// Over how long a speed is seen.
         speed: f64 = 3.2e-3, "s", Choice;
-        /// A holder that goes less than this in that time stands still.
-        still: f64 = 0.2e-6, "m", Choice;
         /// What a camera states of its noise counts as much as so many frames.
         stated: f64 = 16.0, "frames", Choice;
         /// A frame lies on one side of what is believed from so far on: half of the least motion that is to be noticed...
