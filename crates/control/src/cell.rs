@@ -115,7 +115,7 @@ impl<'b> AlignmentCell<'b> {
     /// Takes a bench in hand of which so much is known. No arm carries a fiber.
     pub fn new(bench: &'b mut dyn Watched, layout: Layout) -> Self {
         Self {
-            tips: RefCell::new(TipEstimator::new(&layout.spec.vision)),
+            tips: RefCell::new(TipEstimator::new(&layout.spec.vision, &layout.spec.guard)),
             reactor: Reactor::new(bench),
             layout,
             loaded: Cell::default(),
@@ -565,16 +565,13 @@ impl<'b> AlignmentCell<'b> {
     }
 
     /// How much nearer to the facet at `port` (chip's z, metres) who guards the machine would let the fiber of a side come, which asks vision
-    /// alone, metres; `None` before the first frame.
-    pub fn room_before(&self, side: Side, port: f64) -> Option<f64> {
-        let seen = self.tips.borrow().by_vision(side, Tip::Fiber)?;
-        let gap = outward(side) * (self.holder(side).z + seen.z - port);
-        Some(gap - self.kept_off(seen.sigma[1]))
-    }
-
-    /// How near to the chip who guards the machine lets a tip come that vision knows to a standard deviation along z, metres.
-    pub(crate) fn kept_off(&self, sigma: f64) -> f64 {
-        self.spec().guard.clearance + (GuardSpec::SIGMAS + TUNING.gap.more_than_guard) * sigma
+    /// alone, on a `way` to there of which it sees no frame, metres; `None` before the first one.
+    pub fn room_before(&self, side: Side, port: f64, way: f64) -> Option<f64> {
+        let (out, holder) = (outward(side), self.holder(side).z);
+        let (z, sigma) = self.tips.borrow().by_guard(side, holder - out * way)?;
+        // Its own frames are not quite the same.
+        let sigmas = GuardSpec::SIGMAS + TUNING.gap.more_than_guard;
+        Some(out * (holder + z - port) - self.spec().guard.clearance - sigmas * sigma)
     }
 
     /// Where the tip would stand that is where its holder is, in the chip's frame.

@@ -254,16 +254,34 @@ impl Job<'_> {
     }
 
     /// Goes to `to` from below, so that the transmissions are wound up as on every arrival: what
-    /// they hold back is then the same each time (thesis 2.4).
+    /// they hold back is then the same each time (thesis 2.4). What they held back so far comes out at once when joints turn back, across as well,
+    /// where an inclined facet stands out: straight back first, where it would be near.
     pub(crate) async fn arrive(
         &self,
         cell: &AlignmentCell<'_>,
         side: Side,
         to: Point<Macro>,
     ) -> Result<(), Halt> {
-        cell.line(side, to.shifted(0.0, -self.recipe.coarse.run_up, 0.0), None)
-            .await?;
+        let below = to.shifted(0.0, -self.recipe.coarse.run_up, 0.0);
+        let aside = TUNING.gap.turns_back * cell.spec().guard.windup;
+        let nearer = self.recipe.ports.slope().abs() * aside - self.room(cell, side);
+        if nearer > 0.0 {
+            let here = cell.wanted(side);
+            let z = here.z.min(to.z) - nearer;
+            cell.line(side, Point::new(here.x, here.y, z), None).await?;
+            cell.line(side, Point::new(below.x, below.y, z), None)
+                .await?;
+        }
+        cell.line(side, below, None).await?;
         cell.line(side, to, None).await
+    }
+
+    /// How much nearer to its facet the holder of a side may come, by vision, or by design where none has seen its fiber, metres.
+    fn room(&self, cell: &AlignmentCell<'_>, side: Side) -> f64 {
+        let ports = &self.recipe.ports;
+        let z = [ports.input, ports.outputs[0]][side.index()][2];
+        let by_design = outward(side) * (cell.holder(side).z - z);
+        cell.room_before(side, z, 0.0).unwrap_or(by_design)
     }
 
     /// Moves a holder straight back until its fiber, by design, is clear of the chip.

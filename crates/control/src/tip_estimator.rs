@@ -13,7 +13,7 @@ use crate::tuning::TUNING;
 use pigtail_hal::Side;
 pub use pigtail_hal::bench::Tip;
 use pigtail_hal::bench::{Fix, Frame};
-use pigtail_hal::spec::{SIDES, VisionSpec};
+use pigtail_hal::spec::{GuardSpec, SIDES, VisionSpec};
 use pigtail_model::frames::{Chip, Point};
 
 /// Where a tip stands from its holder, as far as vision has seen.
@@ -60,6 +60,17 @@ struct Offset {
     beside: [Beside; 2],
 }
 
+/// What who guards the machine makes of the same frames of a fiber, along the chip's z: it lets a tip come no nearer than by its own belief,
+/// which knows of no calibration how ways and stages are.
+#[derive(Debug, Clone, Copy)]
+struct Guarded {
+    /// Of the tip from its holder, metres, and its variance.
+    value: f64,
+    variance: f64,
+    /// Where the tip would stand by its holder alone, in the last frame.
+    stood: Point<Chip>,
+}
+
 /// By how much frames at rest differ from what was foreseen of them.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Noise {
@@ -90,6 +101,10 @@ pub(crate) struct Held {
 pub(crate) struct TipEstimator {
     fibers: [Option<Estimate>; SIDES],
     sensing: [Option<Estimate>; SIDES],
+    guarded: [Option<Guarded>; SIDES],
+    /// By what share a way may be wrong, and by what angle a manipulator may stand askew, as the guard has it.
+    scale: f64,
+    askew: f64,
     /// What the light has told of each fiber's z: by how much it is more than vision has it, metres, its standard
     /// deviation, and where the holder stood then. What warms is seen by vision meanwhile.
     told: [Option<(f64, f64, Point<Chip>)>; SIDES],
@@ -103,10 +118,13 @@ pub(crate) struct TipEstimator {
 }
 
 impl TipEstimator {
-    pub(crate) fn new(vision: &VisionSpec) -> Self {
+    pub(crate) fn new(vision: &VisionSpec, guard: &GuardSpec) -> Self {
         Self {
             fibers: [None; SIDES],
             sensing: [None; SIDES],
+            guarded: [None; SIDES],
+            scale: guard.scale,
+            askew: guard.askew,
             told: [None; SIDES],
             bound: vision.believed()[1],
             facet: vision.facet_z,
@@ -139,6 +157,7 @@ impl TipEstimator {
     /// The fiber of a side is another one from `time` on.
     pub(crate) fn forget(&mut self, side: Side, time: f64) {
         self.fibers[side.index()] = None;
+        self.guarded[side.index()] = None;
         self.told[side.index()] = None;
         self.swings[side.index()].is_another();
         self.since[side.index()] = time;
@@ -170,6 +189,7 @@ impl TipEstimator {
                     Tip::Fiber if frame.time > self.since[i] => {
                         self.swings[i].note(shown(fix));
                         update(&mut self.fibers[i], frame.time, at, fix, lag);
+                        self.guarded[i] = Some(self.guarded(i, at, fix, lag[1]));
                     }
                     Tip::Fiber => {}
                     Tip::Sensing => {
@@ -184,8 +204,37 @@ impl TipEstimator {
         }
     }
 
+    /// As [`Guarded`], with a frame more.
+    fn guarded(&self, side: usize, at: Point<Chip>, fix: &Fix, lag: f64) -> Guarded {
+        let (seen, noise) = (fix.z - at.z, fix.sigma.powi(2));
+        let Some(before) = self.guarded[side] else {
+            return Guarded {
+                value: seen,
+                variance: noise + lag,
+                stood: at,
+            };
+        };
+        let aside = (at.x - before.stood.x).hypot(at.y - before.stood.y);
+        let strayed = (self.scale * (at.z - before.stood.z)).hypot(self.askew * aside);
+        let variance = before.variance + strayed * strayed;
+        let share = variance / (variance + noise + lag);
+        Guarded {
+            value: before.value + share * (seen - before.value),
+            variance: ((1.0 - share) * variance).max(GuardSpec::FORGETS * noise),
+            stood: at,
+        }
+    }
+
+    /// Where the fiber of a side stands along z from its holder as who guards the machine believes it, and how well it would know that were its
+    /// holder at a place, one standard deviation; metres. `None` before the first frame.
+    pub(crate) fn by_guard(&self, side: Side, z: f64) -> Option<(f64, f64)> {
+        let guarded = self.guarded[side.index()]?;
+        let strayed = self.scale * (z - guarded.stood.z);
+        Some((guarded.value, guarded.variance.sqrt().hypot(strayed)))
+    }
+
     /// Where a tip stands from its holder by vision alone.
-    pub(crate) fn by_vision(&self, side: Side, tip: Tip) -> Option<Seen> {
+    fn by_vision(&self, side: Side, tip: Tip) -> Option<Seen> {
         let estimate = match tip {
             Tip::Fiber => self.fibers[side.index()],
             Tip::Sensing => self.sensing[side.index()],

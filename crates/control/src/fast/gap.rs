@@ -99,15 +99,15 @@ impl Shared<'_> {
         let wanted = self.recipe.approach.gap;
         if self.vision_tells(cell) {
             // The rest is for when it has seen more of the tip.
-            let here = wanted.max(least_gap(cell, aim));
+            let here = wanted.max(least_gap(cell, aim, wanted));
             return self.come_to(cell, aim, scan, before, here).await;
         }
         // Vision may be wrong by its bound: the rest is for when light has told.
         let bound = cell
             .seen(aim.side, aim.tip)
             .map_or(0.0, |seen| seen.bound_z);
-        let here = wanted + bound;
         cell.forget_told(aim.side);
+        let here = (wanted + bound).max(least_gap(cell, aim, wanted));
         let holder = || cell.holder(aim.side).x;
         let mut from = holder();
         let hides = 2.0 * cell.spec().guard.windup_z;
@@ -202,7 +202,7 @@ impl Shared<'_> {
         self.approach(cell, aim, scan, before, (gap + beyond, 0))
             .await?;
         let way = aim.gap_at_rest(cell) - gap;
-        let roomy = gap - nearest_by_vision(cell, aim) > TUNING.gap.roomy;
+        let roomy = gap - nearest(cell, aim, gap) > TUNING.gap.roomy;
         let speed = if roomy {
             TUNING.gap.nearly
         } else {
@@ -225,8 +225,9 @@ impl Shared<'_> {
             return false;
         };
         let stands_out = (aside * self.recipe.ports.slope()).max(0.0);
-        let by_vision = self.recipe.approach.gap + contact.at.min(0.0) - stands_out;
-        by_vision < least_gap(cell, aim)
+        let wanted = self.recipe.approach.gap;
+        let by_vision = wanted + contact.at.min(0.0) - stands_out;
+        by_vision < least_gap(cell, aim, wanted)
     }
 
     /// Whether a fiber would not be attached at this gap, for what is known of it.
@@ -270,7 +271,8 @@ impl Shared<'_> {
 
     /// How much nearer the tip is to come, metres.
     fn way_off(&self, cell: &AlignmentCell<'_>, aim: &Aim) -> f64 {
-        aim.gap_at_rest(cell) - self.recipe.approach.gap.max(least_gap(cell, aim))
+        let wanted = self.recipe.approach.gap;
+        aim.gap_at_rest(cell) - wanted.max(least_gap(cell, aim, wanted))
     }
 
     /// Goes on the circle to the gap that is wanted.
@@ -322,7 +324,7 @@ impl Shared<'_> {
 /// a soft transmission is faster on its way to rest than it was told to be.
 pub(super) fn unhurried(cell: &AlignmentCell<'_>, aim: &Aim, gap: f64) -> f64 {
     let spec = cell.spec();
-    let spare = gap - nearest_by_vision(cell, aim);
+    let spare = gap - nearest(cell, aim, gap);
     greatest_speed(spare, spec.z_stage.acceleration, spec.servo.rate)
 }
 
@@ -337,15 +339,17 @@ fn greatest_speed(spare: f64, acceleration: f64, rate: f64) -> f64 {
     (0.5 * (root - late) / more).max(TUNING.gap.least_speed)
 }
 
-/// How near to the chip who guards the machine lets a tip come, by vision alone, metres.
-fn nearest_by_vision(cell: &AlignmentCell<'_>, aim: &Aim) -> f64 {
-    let seen = cell.seen(aim.side, aim.tip);
-    cell.kept_off(seen.map_or(0.0, |seen| seen.sigma[1]))
+/// At which gap who guards the machine would stop a fiber on its way to a `gap` (metres), by vision alone; in gaps as they are believed, of which light may
+/// have told that vision is wrong.
+fn nearest(cell: &AlignmentCell<'_>, aim: &Aim, gap: f64) -> f64 {
+    let here = aim.gap(cell);
+    let room = cell.room_before(aim.side, aim.port.z, (here - gap).max(0.0));
+    room.map_or(cell.spec().guard.clearance, |room| here - room)
 }
 
 /// The same for a tip that moves slowly, metres.
-fn least_gap(cell: &AlignmentCell<'_>, aim: &Aim) -> f64 {
-    nearest_by_vision(cell, aim) + TUNING.gap.stop
+fn least_gap(cell: &AlignmentCell<'_>, aim: &Aim, gap: f64) -> f64 {
+    nearest(cell, aim, gap) + TUNING.gap.stop
 }
 
 impl Shared<'_> {

@@ -82,7 +82,7 @@ impl Job<'_> {
                 beam: cell.beam(self.side, self.recipe),
                 gap: wanted + off,
                 walk: b.across() - a.across(),
-                room: cell.room_before(self.side, self.port.z).unwrap_or(0.0),
+                room: cell.room_before(self.side, self.port.z, 0.0).unwrap_or(0.0),
             });
             return Ok(());
         }

@@ -15,6 +15,9 @@ topic! {
         spare: f64 = 0.1, "1", Choice;
         /// What a gap is corrected by at least where that is in doubt.
         finely: f64 = 0.2, "tolerances", Choice;
+        /// So many times what transmissions may hide across is gone at once, at most, where joints turn back: before the gap that an inclined facet has left
+        /// then a way goes straight back.
+        turns_back: f64 = 1.5, "1", Choice;
         /// A fiber that waits is taken away from the chip where vision sees it so much nearer than it was...
         kept_off: f64 = 0.5e-6, "m", Choice;
         /// ...as often as this: vision is to have seen what came of the last time.

@@ -2,6 +2,7 @@
 
 use super::{Belief, Keepout, LATE, Tip, WHILE, hidden_by_piezos};
 use pigtail_hal::measurement::TipFix;
+use pigtail_hal::spec::GuardSpec;
 use pigtail_hal::{Side, VisionFrame};
 use pigtail_model::frames::{Chip, Point};
 
@@ -9,9 +10,6 @@ use pigtail_model::frames::{Chip, Point};
 const LAG: f64 = 2e-3;
 /// Standard deviations, and metres beside them, by which a frame may differ from what was expected.
 const SURPRISE: (f64, f64) = (8.0, 5e-6);
-/// What is known of a tip is never worth more than the last 200 frames, 8 s: chip and holders warm, by 0.01 um/s and more, and the mean of all frames
-/// of a tip that stands for minutes is where it was long ago.
-const FORGETS: f64 = 1.0 / 200.0;
 /// A frame that does not agree with the encoders.
 #[derive(Debug, Clone, PartialEq)]
 pub(in super::super) struct Surprise {
@@ -129,7 +127,7 @@ impl Keepout {
         };
         Ok(Belief {
             z: before.z + share * by,
-            z_variance: ((1.0 - share) * variance).max(FORGETS * fix.sigma * fix.sigma),
+            z_variance: ((1.0 - share) * variance).max(GuardSpec::FORGETS * fix.sigma * fix.sigma),
             ahead: before.ahead + share * (holder.ahead - before.ahead),
             stood,
             ..across
