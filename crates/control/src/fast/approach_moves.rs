@@ -420,19 +420,19 @@ impl Shared<'_> {
         let here = cell.wanted(aim.side);
         // The next fiber's place in the holder is not known yet: as far away as for any, from the
         // inclined facet where the holder stands now too.
-        let k = cell.frame(aim.side);
-        let aside = k.chip_from_macro(here).x - aim.port.x;
-        let stands_out = outward(aim.side) * recipe.ports.slope() * aside;
-        let away = far + stands_out.max(0.0);
-        let clear = k.macro_from_chip(aim.port.shifted(0.0, 0.0, outward(aim.side) * away));
-        let back = Point::new(here.x, here.y, here.z.min(clear.z));
+        let stood = cell.frame(aim.side).chip_from_macro(here);
+        let stands_out = outward(aim.side) * recipe.ports.slope() * (stood.x - aim.port.x);
+        let off = outward(aim.side) * (stood.z - aim.port.z);
+        let nearer = far + stands_out.max(0.0) - off;
+        let back = here.shifted(0.0, 0.0, -nearer.max(0.0));
         cell.go(aim.side, back).await?;
         if !cell.carries(aim.side) {
             cell.load(aim.side, index).await?;
         }
         cock(cell, aim.side, recipe.raster.x)?;
         let below = aim.holder(cell, self.exit(), -self.below() - run_up, far);
-        let below = Point::new(below.x, below.y, back.z);
+        // Of a stage that stands askew the one or the other is nearer to the chip.
+        let below = Point::new(below.x, below.y, below.z.min(back.z));
         cell.go(aim.side, below).await?;
         // Not nearer before its tip was seen.
         until_seen(cell, aim, f64::INFINITY).await?;
