@@ -76,7 +76,8 @@ impl Recipe {
         /// What is left where a tip stands out, and aside, as far as it may, metres.
         const LEFT: f64 = 50e-6;
         let guard = &spec.guard;
-        let aside = self.ports.slope().abs() * (guard.placement + guard.windup);
+        // Motors go beyond by what their transmissions hide, where that is made up for, and the guard believes that they may hide as much on either side.
+        let aside = self.ports.slope().abs() * (guard.placement + 2.0 * guard.windup);
         self.coarse.far.max(guard.placement + aside + LEFT)
     }
 }
