@@ -444,20 +444,20 @@ impl Shared<'_> {
         let goal = aim.holder(cell, self.exit(), -self.below(), gap);
         cell.go(aim.side, goal).await?;
         until_seen(cell, aim, self.fast.straight).await?;
-        self.straighten(cell, aim, gap)?;
+        self.straighten(cell, aim, (gap, 0.0))?;
         Ok(cell.stands(aim.side).await?)
     }
 
-    /// Sets out for where the tip is now seen to stand right in x and z.
+    /// Sets out for where the tip is now seen to stand right in z at a gap and in x, or so far `aside`, metres.
     pub(super) fn straighten(
         &self,
         cell: &AlignmentCell<'_>,
         aim: &Aim,
-        gap: f64,
+        (gap, aside): (f64, f64),
     ) -> Result<(), Halt> {
         let here = cell.wanted(aim.side);
         let goal = aim.holder(cell, self.exit(), 0.0, gap);
-        let goal = Point::new(goal.x, here.y, goal.z);
+        let goal = Point::new(goal.x + aside, here.y, goal.z);
         if here.distance(goal) > self.fast.straight {
             cell.start_line(aim.side, goal, None)?;
         }
@@ -483,6 +483,11 @@ impl Shared<'_> {
         cell.go(aim.side, below.shifted(look.aside, 0.0, 0.0))
             .await?;
         let start = aim.holder(cell, self.exit(), -look.below, look.gap);
-        cell.go(aim.side, start.shifted(look.aside, 0.0, 0.0)).await
+        cell.go(aim.side, start.shifted(look.aside, 0.0, 0.0))
+            .await?;
+        // What came out aside where joints turned back is seen by now, and who guards the machine knows the tip better at rest.
+        until_seen(cell, aim, self.fast.straight).await?;
+        self.straighten(cell, aim, (look.gap, look.aside))?;
+        Ok(cell.stands(aim.side).await?)
     }
 }

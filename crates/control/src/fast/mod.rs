@@ -197,7 +197,7 @@ impl<'r> Shared<'r> {
         let over = job.phase(cell, "sensing", async |_| {
             self.over_the_top(cell, &sensing).await?;
             // The input fiber has stood still meanwhile: vision knows it better now.
-            self.straighten(cell, aim, self.fast.input_gap)
+            self.straighten(cell, aim, (self.fast.input_gap, 0.0))
         });
         match over.await {
             Err(Halt::Outcome(_)) => Ok(false),
