@@ -96,3 +96,4 @@ pub mod tip_estimator;
 pub mod trajectory;
 pub mod tune;
 pub mod tuning;
+mod upward;

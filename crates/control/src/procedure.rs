@@ -15,6 +15,7 @@ use crate::shaking::Shaking;
 use crate::station::{Level, Station, fine};
 use crate::tip_estimator::Tip;
 use crate::tuning::TUNING;
+use crate::upward::Facet;
 use pigtail_hal::bench::Fix;
 use pigtail_hal::{Channel, Fault, Side};
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
@@ -276,6 +277,14 @@ impl Job<'_> {
         cell.line(side, to, None).await
     }
 
+    /// The facet before which light is searched.
+    fn facet(&self) -> Facet {
+        Facet {
+            port: self.port,
+            slope: self.recipe.ports.slope(),
+        }
+    }
+
     /// How much nearer to its facet the holder of a side may come, by vision, or by design where none has seen its fiber, metres.
     fn room(&self, cell: &AlignmentCell<'_>, side: Side) -> f64 {
         let ports = &self.recipe.ports;
@@ -416,7 +425,7 @@ impl Job<'_> {
         let top = start.y + raster.height();
         let mut evidence = None;
         loop {
-            let sweep = searcher.raster(cell, raster, top).await?;
+            let sweep = searcher.raster(cell, raster, self.facet(), top).await?;
             let seen = sweep.evidence.following(evidence);
             let hit = match sweep.hit {
                 Some(hit) if seen.dismissed < raster.retry.dismissed as usize => hit,

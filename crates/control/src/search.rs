@@ -5,6 +5,7 @@ use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::recipe::{Raster, Sensing};
 use crate::station::Level;
 use crate::tuning::TUNING;
+use crate::upward::{Facet, Upward};
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::{Displacement, Macro, Point};
 use std::f64::consts::TAU;
@@ -81,12 +82,13 @@ impl Searcher {
         &self,
         cell: &AlignmentCell<'_>,
         raster: &Raster,
+        facet: Facet,
         top: f64,
     ) -> Result<Sweep, Halt> {
         let reach = cell.micro_reach_x(self.side).within(raster.x, 1.0);
         let start = cell.wanted(self.side);
-        let end = Point::new(start.x, top, start.z);
-        cell.start_line(self.side, end, Some(raster.mesh * raster.frequency))?;
+        let watched = (self.side, facet, reach);
+        let mut way = Upward::start(cell, watched, top, raster.mesh * raster.frequency)?;
         let period = raster.frequency.recip();
         let sweep = |since: f64| {
             let phase = TAU * raster.frequency * since;
@@ -98,7 +100,7 @@ impl Searcher {
         cell.micro_path(self.side, knots, sweep)?;
         // Light is followed for two more periods, so that the spot's brightest line is seen.
         let follow = 2.0 * period;
-        let going = || cell.is_moving(self.side);
+        let going = || way.goes_on();
         let mut seen = self.watch(cell, follow, f64::INFINITY, going).await?;
         seen.evidence.height = cell.wanted(self.side).y - start.y;
         cell.brake(self.side)?;
@@ -155,7 +157,7 @@ impl Searcher {
         let end = cell.now() + duration;
         let knots = (duration, (TUNING.search.knots * frequency).recip());
         cell.micro_path(self.side, knots, path)?;
-        let mut seen = self.watch(cell, duration, end, || true).await?;
+        let mut seen = self.watch(cell, duration, end, || Ok(true)).await?;
         seen.evidence.width = 2.0 * reach;
         seen.evidence.height = 2.0 * reach;
         Ok(seen)
@@ -167,11 +169,11 @@ impl Searcher {
         cell: &AlignmentCell<'_>,
         follow: f64,
         mut end: f64,
-        going: impl Fn() -> bool,
+        mut going: impl FnMut() -> Result<bool, Outcome>,
     ) -> Result<Sweep, Halt> {
         let mut hit: Option<Hit> = None;
         let (mut samples, mut brightest) = (0, f64::NEG_INFINITY);
-        while going() && !cell.is_past(end) {
+        while going()? && !cell.is_past(end) {
             let Some(volts) = cell.light(self.channel, end).await? else {
                 continue;
             };

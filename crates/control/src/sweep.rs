@@ -10,9 +10,10 @@ use crate::outcome::{Halt, SearchEvidence};
 use crate::recipe::Sweep;
 use crate::station::fine;
 use crate::tuning::TUNING;
+use crate::upward::{Facet, Upward};
 use pigtail_hal::bench::{Knot, Law, Pose};
 use pigtail_hal::{Channel, Side};
-use pigtail_model::frames::{Displacement, Point};
+use pigtail_model::frames::Displacement;
 use std::collections::VecDeque;
 use std::f64::consts::PI;
 
@@ -198,18 +199,18 @@ pub async fn first_light(
     (side, channel): (Side, Channel),
     watch: &Watch,
     sweep: &Sweep,
-    (width, spacing): (f64, f64),
+    (facet, width, spacing): (Facet, f64, f64),
     (top, threshold): (f64, f64),
     goes_on: impl Fn() -> bool,
 ) -> Result<Swept, Halt> {
     let lines = Lines::of(cell, (side, channel), sweep, width);
     let (reach, start) = (lines.reach, cell.wanted(side));
     let rate = cell.caps().channels[channel.index()].rate;
-    let way = sweep.speed / rate;
-    let widest = (TUNING.search.wide / way).round() as usize;
+    let apart = sweep.speed / rate;
+    let widest = (TUNING.search.wide / apart).round() as usize;
     let widest = widest.clamp(2, 16);
-    let end = Point::new(start.x, top, start.z);
-    cell.start_line(side, end, Some(spacing / lines.period()))?;
+    let speed = spacing / lines.period();
+    let mut way = Upward::start(cell, (side, facet, reach), top, speed)?;
     let begin = cell.now();
     let count = ((top - start.y) / spacing).max(0.0) + TUNING.search.more_lines;
     cell.play_micro(side, Law::Scan(lines.knots(count as u32)))?;
@@ -218,7 +219,7 @@ pub async fn first_light(
     let (mut wander, mut best) = (0.0, threshold);
     let (mut perhaps, mut likely) = (None, TUNING.search.perhaps * threshold);
     let mut recent: VecDeque<(f64, f64)> = VecDeque::with_capacity(widest + 1);
-    while cell.is_moving(side) && goes_on() {
+    while way.goes_on()? && goes_on() {
         let Some((time, volts)) = cell.sample(channel.index(), f64::INFINITY).await? else {
             continue;
         };
@@ -254,7 +255,7 @@ pub async fn first_light(
             at.x += x;
             spot = Some(Spot {
                 at,
-                end: end_of(reach, x, way),
+                end: end_of(reach, x, apart),
                 level,
                 background: watch.background + wander,
             });

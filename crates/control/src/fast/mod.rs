@@ -33,6 +33,7 @@ use crate::station::{Station, coarse, fine};
 use crate::sweep::{Spot, Swept, first_light};
 use crate::tip_estimator::Tip;
 use crate::tuning::TUNING;
+use crate::upward::Facet;
 use approach_moves::{Aim, calm_down, cock, lines, swings};
 use by_output::Waiting;
 use gap::unhurried;
@@ -489,7 +490,12 @@ impl<'r> Shared<'r> {
         dismissed: usize,
     ) -> Result<Spot, Halt> {
         let threshold = self.fast.significance * watch.noise;
-        let area = (look.width, look.spacing);
+        let slope = self.recipe.ports.slope();
+        let facet = Facet {
+            port: aim.port,
+            slope,
+        };
+        let area = (facet, look.width, look.spacing);
         let side = aim.side;
         let Swept {
             spot,

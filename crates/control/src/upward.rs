@@ -1,0 +1,110 @@
+//! Ways upward before an inclined facet, on which light is searched for minutes.
+//!
+//! A stage that stands askew comes nearer to the chip on its way up, and what warms does as well; what a transmission lets out aside brings
+//! a tip to where the facet stands out. Vision sees all of it: the holder goes back before who guards the machine would stop it.
+
+use crate::cell::{AlignmentCell, Reach};
+use crate::outcome::Outcome;
+use crate::tip_estimator::Tip;
+use crate::tuning::TUNING;
+use pigtail_hal::Side;
+use pigtail_model::frames::{Chip, Macro, Point};
+
+/// The facet that a tip goes upward before.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Facet {
+    /// Its port.
+    pub port: Point<Chip>,
+    /// By how much it stands out for each metre in x.
+    pub slope: f64,
+}
+
+/// A way upward.
+pub(crate) struct Upward<'c, 'b> {
+    cell: &'c AlignmentCell<'b>,
+    side: Side,
+    facet: Facet,
+    /// How far the micro goes to either side meanwhile.
+    reach: Reach,
+    end: Point<Macro>,
+    /// Metres a second.
+    speed: f64,
+    /// Whether it is on its way back from the chip.
+    back: bool,
+}
+
+impl Facet {
+    /// How far a tip is to go back that comes too near, for who guards the machine, where its micro goes from one end of a reach to the other,
+    /// metres; nothing where it does not.
+    fn too_near(&self, cell: &AlignmentCell<'_>, side: Side, reach: Reach) -> f64 {
+        let room = cell.room_before(side, self.port.z, 0.0);
+        let Some((room, seen)) = room.zip(cell.seen(side, Tip::Fiber)) else {
+            return 0.0;
+        };
+        let beside = cell.holder(side).x + seen.x - self.port.x;
+        let out = |x: f64| self.slope * (beside + x);
+        let [bound, _] = cell.spec().vision.believed();
+        let out = out(reach.low).max(out(reach.high)) + self.slope.abs() * bound;
+        let room = room - out.max(0.0);
+        if room < TUNING.gap.upward {
+            2.0 * TUNING.gap.upward - room
+        } else {
+            0.0
+        }
+    }
+}
+
+impl<'c, 'b> Upward<'c, 'b> {
+    /// Sets out for a height, metres, at a speed, metres a second, while the micro goes to either side.
+    ///
+    /// # Errors
+    ///
+    /// As [`AlignmentCell::start_line`].
+    pub(crate) fn start(
+        cell: &'c AlignmentCell<'b>,
+        (side, facet, reach): (Side, Facet, Reach),
+        top: f64,
+        speed: f64,
+    ) -> Result<Self, Outcome> {
+        let here = cell.wanted(side);
+        let end = Point::new(here.x, top, here.z);
+        cell.start_line(side, end, Some(speed))?;
+        Ok(Self {
+            cell,
+            side,
+            facet,
+            reach,
+            end,
+            speed,
+            back: false,
+        })
+    }
+
+    /// Whether it has not yet come to its end. It goes back where that is too near, and on from there.
+    ///
+    /// # Errors
+    ///
+    /// As [`AlignmentCell::start_line`].
+    pub(crate) fn goes_on(&mut self) -> Result<bool, Outcome> {
+        let (cell, side) = (self.cell, self.side);
+        if !cell.is_moving(side) {
+            if self.back {
+                self.back = false;
+                cell.start_line(side, self.end, Some(self.speed))?;
+                return Ok(true);
+            }
+            return Ok(false);
+        }
+        if self.back {
+            return Ok(true);
+        }
+        let nearer = self.facet.too_near(cell, side, self.reach);
+        if nearer > 0.0 {
+            let away = cell.wanted(side).shifted(0.0, 0.0, -nearer);
+            self.end.z = away.z;
+            cell.start_line(side, away, None)?;
+            self.back = true;
+        }
+        Ok(true)
+    }
+}
