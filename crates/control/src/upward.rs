@@ -34,23 +34,42 @@ pub(crate) struct Upward<'c, 'b> {
 }
 
 impl Facet {
-    /// How far a tip is to go back that comes too near, for who guards the machine, where its micro goes from one end of a reach to the other,
-    /// metres; nothing where it does not.
-    fn too_near(&self, cell: &AlignmentCell<'_>, side: Side, reach: Reach) -> f64 {
-        let room = cell.room_before(side, self.port.z, 0.0);
-        let Some((room, seen)) = room.zip(cell.seen(side, Tip::Fiber)) else {
-            return 0.0;
-        };
-        let beside = cell.holder(side).x + seen.x - self.port.x;
+    /// How much nearer a tip may come for who guards the machine, where its micro goes from one end of a reach to the other, metres; `None` before
+    /// its first frame.
+    fn room(&self, cell: &AlignmentCell<'_>, side: Side, reach: Reach) -> Option<f64> {
+        let beside = self.beside(cell, side)?;
         let out = |x: f64| self.slope * (beside + x);
         let [bound, _] = cell.spec().vision.believed();
         let out = out(reach.low).max(out(reach.high)) + self.slope.abs() * bound;
-        let room = room - out.max(0.0);
+        Some(cell.room_before(side, self.port.z, 0.0)? - out.max(0.0))
+    }
+
+    /// How far beside the port a tip stands by vision, its micro in its middle, metres.
+    fn beside(&self, cell: &AlignmentCell<'_>, side: Side) -> Option<f64> {
+        let seen = cell.seen(side, Tip::Fiber)?;
+        Some(cell.holder(side).x + seen.x - self.port.x)
+    }
+
+    /// How far a tip is to go back that comes too near, metres; nothing where it does not.
+    fn too_near(&self, cell: &AlignmentCell<'_>, side: Side, reach: Reach) -> f64 {
+        let room = self.room(cell, side, reach).unwrap_or(f64::INFINITY);
         if room < TUNING.gap.upward {
             2.0 * TUNING.gap.upward - room
         } else {
             0.0
         }
+    }
+
+    /// How much nearer a tip may come where its micro is, farther aside than the port's light may be by vision: metres; as near as it likes where it may
+    /// stand in that light.
+    pub(crate) fn room_aside(&self, cell: &AlignmentCell<'_>, side: Side) -> f64 {
+        let x = cell.micro(side).x;
+        let reach = Reach { low: x, high: x };
+        let [bound, _] = cell.spec().vision.believed();
+        let aside = |beside: &f64| (beside + x).abs() > bound;
+        let beside = self.beside(cell, side).filter(aside);
+        let room = beside.and_then(|_| self.room(cell, side, reach));
+        room.map_or(f64::INFINITY, |room| room - TUNING.gap.upward)
     }
 }
 

@@ -124,6 +124,13 @@ impl<'r> Shared<'r> {
         self.recipe.ports.exit_angle
     }
 
+    fn facet(&self, aim: &Aim) -> Facet {
+        Facet {
+            port: aim.port,
+            slope: self.recipe.ports.slope(),
+        }
+    }
+
     /// How far below a port a search starts, metres.
     fn below(&self) -> f64 {
         self.recipe.raster.below()
@@ -460,6 +467,8 @@ impl<'r> Shared<'r> {
             let (first, slope) = (self.fast.doubtful_gap, self.recipe.ports.slope());
             for gap in [first, 0.5 * first] {
                 let gap = gap + aim.stands_out(cell, slope);
+                let facet = self.facet(aim);
+                let gap = gap.max(aim.gap(cell) - facet.room_aside(cell, aim.side));
                 self.approach(cell, aim, scan, before, (gap, TUNING.search.doubting))
                     .await?;
             }
@@ -490,12 +499,7 @@ impl<'r> Shared<'r> {
         dismissed: usize,
     ) -> Result<Spot, Halt> {
         let threshold = self.fast.significance * watch.noise;
-        let slope = self.recipe.ports.slope();
-        let facet = Facet {
-            port: aim.port,
-            slope,
-        };
-        let area = (facet, look.width, look.spacing);
+        let area = (self.facet(aim), look.width, look.spacing);
         let side = aim.side;
         let Swept {
             spot,
