@@ -88,7 +88,8 @@ impl Searcher {
         let reach = cell.micro_reach_x(self.side).within(raster.x, 1.0);
         let start = cell.wanted(self.side);
         let watched = (self.side, facet, reach);
-        let mut way = Upward::start(cell, watched, top, raster.mesh * raster.frequency)?;
+        let speed = raster.mesh * raster.frequency;
+        let mut way = Upward::start(cell, watched, top, speed).await?;
         let period = raster.frequency.recip();
         let sweep = |since: f64| {
             let phase = TAU * raster.frequency * since;

@@ -210,7 +210,7 @@ pub async fn first_light(
     let widest = (TUNING.search.wide / apart).round() as usize;
     let widest = widest.clamp(2, 16);
     let speed = spacing / lines.period();
-    let mut way = Upward::start(cell, (side, facet, reach), top, speed)?;
+    let mut way = Upward::start(cell, (side, facet, reach), top, speed).await?;
     let begin = cell.now();
     let count = ((top - start.y) / spacing).max(0.0) + TUNING.search.more_lines;
     cell.play_micro(side, Law::Scan(lines.knots(count as u32)))?;

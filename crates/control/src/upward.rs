@@ -4,10 +4,11 @@
 //! a tip to where the facet stands out. Vision sees all of it: the holder goes back before who guards the machine would stop it.
 
 use crate::cell::{AlignmentCell, Reach};
-use crate::outcome::Outcome;
+use crate::outcome::{Halt, Outcome};
 use crate::tip_estimator::Tip;
 use crate::tuning::TUNING;
 use pigtail_hal::Side;
+use pigtail_hal::spec::GuardSpec;
 use pigtail_model::frames::{Chip, Macro, Point};
 
 /// The facet that a tip goes upward before.
@@ -40,7 +41,8 @@ impl Facet {
         let beside = self.beside(cell, side)?;
         let out = |x: f64| self.slope * (beside + x);
         let [bound, _] = cell.spec().vision.believed();
-        let out = out(reach.low).max(out(reach.high)) + self.slope.abs() * bound;
+        let unsure = bound + GuardSpec::HYSTERESIS * (reach.high - reach.low);
+        let out = out(reach.low).max(out(reach.high)) + self.slope.abs() * unsure;
         Some(cell.room_before(side, self.port.z, 0.0)? - out.max(0.0))
     }
 
@@ -74,17 +76,22 @@ impl Facet {
 }
 
 impl<'c, 'b> Upward<'c, 'b> {
-    /// Sets out for a height, metres, at a speed, metres a second, while the micro goes to either side.
+    /// Sets out for a height, metres, at a speed, metres a second, while the micro goes to either side; goes back before where that is too near.
     ///
     /// # Errors
     ///
-    /// As [`AlignmentCell::start_line`].
-    pub(crate) fn start(
+    /// As [`AlignmentCell::go`].
+    pub(crate) async fn start(
         cell: &'c AlignmentCell<'b>,
         (side, facet, reach): (Side, Facet, Reach),
         top: f64,
         speed: f64,
-    ) -> Result<Self, Outcome> {
+    ) -> Result<Self, Halt> {
+        let nearer = facet.too_near(cell, side, reach);
+        if nearer > 0.0 {
+            let away = cell.wanted(side).shifted(0.0, 0.0, -nearer);
+            cell.go(side, away).await?;
+        }
         let here = cell.wanted(side);
         let end = Point::new(here.x, top, here.z);
         cell.start_line(side, end, Some(speed))?;

@@ -171,6 +171,8 @@ impl GuardSpec {
     /// Nearer than this a fiber is where it is because its light led it there, metres: whoever goes aside then, to where an inclined facet
     /// stands out, is believed to come nearer to it.
     pub const LED: f64 = 30e-6;
+    /// What hysteresis may make of a way of a micro, as a share of it.
+    pub const HYSTERESIS: f64 = 0.25;
     /// What is known of a tip is never worth more than the last 200 frames, 8 s: chip and holders warm, by 0.01 um/s and more, and the mean of all frames
     /// of a tip that stands for minutes is where it was long ago.
     pub const FORGETS: f64 = 1.0 / 200.0;

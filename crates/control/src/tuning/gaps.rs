@@ -20,7 +20,7 @@ topic! {
         turns_back: f64 = 1.5, "1", Choice;
         /// What is left between a tip that goes upward on a search and where the guard stops it, at least, before it goes back to twice as much: frames of
         /// a camera are late, and a way of some hundred micrometres upward brings it nearer by less meanwhile.
-        upward: f64 = 3e-6, "m", Choice;
+        upward: f64 = 5e-6, "m", Choice;
         /// A fiber that waits is taken away from the chip where vision sees it so much nearer than it was...
         kept_off: f64 = 0.5e-6, "m", Choice;
         /// ...as often as this: vision is to have seen what came of the last time.

@@ -26,8 +26,6 @@ const LATE: usize = 4;
 const SWINGS: f64 = 2.0;
 /// Cycles from one look at where piezos were told to be to the next.
 const EVERY: usize = 4;
-/// What hysteresis may make of a way of the micro, as a share of it.
-const HYSTERESIS: f64 = 0.25;
 /// What the transmissions hide in x of a way in y, as a share of it: their windups differ.
 const CROSS: f64 = 0.15;
 /// How far beside its port the light may be, and vision's noise, metres.
@@ -130,7 +128,7 @@ pub(super) struct Way {
 /// What piezos may have kept to themselves of the way between two stands, metres: nothing sees where they are.
 #[inline(always)]
 fn hidden_by_piezos(now: &Stand, then: &Stand) -> f64 {
-    HYSTERESIS * (now.micro - then.micro).norm()
+    GuardSpec::HYSTERESIS * (now.micro - then.micro).norm()
 }
 
 /// All tips, and where the holders were of late.
