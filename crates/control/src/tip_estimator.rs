@@ -71,6 +71,13 @@ struct Guarded {
     stood: Point<Chip>,
 }
 
+/// By what share a way may be wrong, and by what angle a manipulator may stand askew.
+#[derive(Debug, Clone, Copy)]
+struct Strays {
+    scale: f64,
+    askew: f64,
+}
+
 /// By how much frames at rest differ from what was foreseen of them.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Noise {
@@ -102,9 +109,8 @@ pub(crate) struct TipEstimator {
     fibers: [Option<Estimate>; SIDES],
     sensing: [Option<Estimate>; SIDES],
     guarded: [Option<Guarded>; SIDES],
-    /// By what share a way may be wrong, and by what angle a manipulator may stand askew, as the guard has it.
-    scale: f64,
-    askew: f64,
+    /// How ways may be wrong, as the guard has it.
+    strays: Strays,
     /// What the light has told of each fiber's z: by how much it is more than vision has it, metres, its standard
     /// deviation, and where the holder stood then. What warms is seen by vision meanwhile.
     told: [Option<(f64, f64, Point<Chip>)>; SIDES],
@@ -123,8 +129,10 @@ impl TipEstimator {
             fibers: [None; SIDES],
             sensing: [None; SIDES],
             guarded: [None; SIDES],
-            scale: guard.scale,
-            askew: guard.askew,
+            strays: Strays {
+                scale: guard.scale,
+                askew: guard.askew,
+            },
             told: [None; SIDES],
             bound: vision.believed()[1],
             facet: vision.facet_z,
@@ -189,7 +197,8 @@ impl TipEstimator {
                     Tip::Fiber if frame.time > self.since[i] => {
                         self.swings[i].note(shown(fix));
                         update(&mut self.fibers[i], frame.time, at, fix, lag);
-                        self.guarded[i] = Some(self.guarded(i, at, fix, lag[1]));
+                        self.guarded[i] =
+                            Some(guarded(self.guarded[i], at, fix, lag[1], self.strays));
                     }
                     Tip::Fiber => {}
                     Tip::Sensing => {
@@ -204,32 +213,11 @@ impl TipEstimator {
         }
     }
 
-    /// As [`Guarded`], with a frame more.
-    fn guarded(&self, side: usize, at: Point<Chip>, fix: &Fix, lag: f64) -> Guarded {
-        let (seen, noise) = (fix.z - at.z, fix.sigma.powi(2));
-        let Some(before) = self.guarded[side] else {
-            return Guarded {
-                value: seen,
-                variance: noise + lag,
-                stood: at,
-            };
-        };
-        let aside = (at.x - before.stood.x).hypot(at.y - before.stood.y);
-        let strayed = (self.scale * (at.z - before.stood.z)).hypot(self.askew * aside);
-        let variance = before.variance + strayed * strayed;
-        let share = variance / (variance + noise + lag);
-        Guarded {
-            value: before.value + share * (seen - before.value),
-            variance: ((1.0 - share) * variance).max(GuardSpec::FORGETS * noise),
-            stood: at,
-        }
-    }
-
     /// Where the fiber of a side stands along z from its holder as who guards the machine believes it, and how well it would know that were its
     /// holder at a place, one standard deviation; metres. `None` before the first frame.
     pub(crate) fn by_guard(&self, side: Side, z: f64) -> Option<(f64, f64)> {
         let guarded = self.guarded[side.index()]?;
-        let strayed = self.scale * (z - guarded.stood.z);
+        let strayed = self.strays.scale * (z - guarded.stood.z);
         Some((guarded.value, guarded.variance.sqrt().hypot(strayed)))
     }
 
@@ -284,6 +272,34 @@ fn span(now: Held, held: impl Fn(f64) -> Option<Held>) -> f64 {
     looks
         .map(|then| (micro(then) - micro(now)).abs())
         .fold(0.0, f64::max)
+}
+
+/// What who guards the machine makes of a fix more of a tip that would stand `at` a place by its holder alone; `lag` is the variance in z that comes of
+/// moving.
+fn guarded(
+    before: Option<Guarded>,
+    at: Point<Chip>,
+    fix: &Fix,
+    lag: f64,
+    strays: Strays,
+) -> Guarded {
+    let (seen, noise) = (fix.z - at.z, fix.sigma.powi(2));
+    let Some(before) = before else {
+        return Guarded {
+            value: seen,
+            variance: noise + lag,
+            stood: at,
+        };
+    };
+    let aside = (at.x - before.stood.x).hypot(at.y - before.stood.y);
+    let strayed = (strays.scale * (at.z - before.stood.z)).hypot(strays.askew * aside);
+    let variance = before.variance + strayed * strayed;
+    let share = variance / (variance + noise + lag);
+    Guarded {
+        value: before.value + share * (seen - before.value),
+        variance: ((1.0 - share) * variance).max(GuardSpec::FORGETS * noise),
+        stood: at,
+    }
 }
 
 /// Takes a fix of a `time` into an estimate; `lag` is the variance in x and z that comes of moving.
@@ -427,6 +443,31 @@ mod tests {
         let deviation = estimate.z.variance.sqrt();
         // A little more, for by the first of them the second is far away.
         assert!((deviation / SIGMA - 0.25).abs() < 0.01, "{deviation}");
+    }
+
+    /// What stands averages, down to what warms; what has gone a way is known no better than ways are.
+    #[test]
+    fn the_guard_believes_no_way() {
+        let strays = Strays {
+            scale: 2e-3,
+            askew: 2e-3,
+        };
+        let here = Point::new(1e-3, 0.0, 2e-3);
+        let mut before = None;
+        let mut look = |at: Point<Chip>, lag: f64| {
+            let now = guarded(before, at, &fix(at.x, at.z + 4e-6), lag, strays);
+            before = Some(now);
+            assert!((now.value - 4e-6).abs() < 1e-12);
+            now.variance.sqrt() / SIGMA
+        };
+        let stood = (0..16).map(|_| look(here, 0.0)).last().expect("frames");
+        assert!((stood - 0.25).abs() < 1e-6, "{stood}");
+        let long = (0..1000).map(|_| look(here, 0.0)).last().expect("frames");
+        assert!((long * long - GuardSpec::FORGETS).abs() < 1e-9, "{long}");
+        // Two micrometres of a millimetre, by a frame that lags behind by a micrometre or so.
+        let gone = look(here.shifted(0.0, 0.0, 1e-3), 1e-12);
+        let expected = (2e-6_f64.powi(-2) + (SIGMA * SIGMA + 1e-12).recip()).powf(-0.5) / SIGMA;
+        assert!((gone - expected).abs() < 1e-2, "{gone} {expected}");
     }
 
     /// A belt slips by a micrometre: of thirty frames before and twenty since, all alike, the mean would be half of it off.
