@@ -280,6 +280,16 @@ impl Kinematics {
         counts.0 as f64 / self.counts_per_radian[axis]
     }
 
+    /// Angles of the outputs from home at these encoder counts, less what the transmissions hold back (2.23), radians.
+    #[inline(always)]
+    pub(crate) fn outputs_of(
+        &self,
+        encoders: &[Counts; AXES],
+        windup: &[f64; AXES],
+    ) -> [f64; AXES] {
+        std::array::from_fn(|i| self.input(i, encoders[i]) - windup[i])
+    }
+
     /// How its frame lies in that of the chip.
     pub fn placement(&self) -> Placement {
         self.placement

@@ -379,7 +379,12 @@ impl Shaking {
 
     /// Standard deviation of the tip along an axis, the worse one, metres.
     pub fn deviation(&self) -> f64 {
-        let fast: f64 = self.believed().iter().map(|(v, share)| v * share).sum();
+        self.deviation_by(&self.believed())
+    }
+
+    /// The same by what is [`Self::believed`].
+    fn deviation_by(&self, believed: &[(f64, f64)]) -> f64 {
+        let fast: f64 = believed.iter().map(|(v, share)| v * share).sum();
         let [x, y] = self.slow();
         (fast + x.max(y)).sqrt()
     }
@@ -431,6 +436,11 @@ impl Shaking {
     /// Probability that a tip whose place is `known` so well is farther than `tolerance` from the peak
     /// while its bond sets, on average, in x or in y.
     pub fn outside(&self, tolerance: f64, known: Across) -> f64 {
+        self.outside_by(&self.believed(), tolerance, known)
+    }
+
+    /// The same by what is [`Self::believed`].
+    fn outside_by(&self, believed: &[(f64, f64)], tolerance: f64, known: Across) -> f64 {
         let slow = self.slow();
         let always = [0, 1].map(|i| known.sigma[i].powi(2) + slow[i]);
         let tail = |variance: f64| {
@@ -452,7 +462,7 @@ impl Shaking {
                 share * left_of(*v)
             }
         };
-        let all: f64 = self.believed().iter().map(part).sum();
+        let all: f64 = believed.iter().map(part).sum();
         all.min(1.0)
     }
 
@@ -523,8 +533,9 @@ impl Shaking {
         // Where all deviations are larger by a factor, the tolerance is as much smaller.
         let (all, known) = self.widened(known);
         let tolerance = tolerance / all;
-        let probability = self.outside(tolerance, known);
-        known.is_within((tolerance, probability), self.deviation())
+        let believed = self.believed();
+        let probability = self.outside_by(&believed, tolerance, known);
+        known.is_within((tolerance, probability), self.deviation_by(&believed))
     }
 }
 
@@ -550,14 +561,16 @@ const NOISES: usize = 13;
 
 /// Logarithm of the mean of likelihoods that are given as logarithms, over what the noise may be.
 fn logarithm_of_mean(noises: &[(f64, f64); NOISES], likelihood: impl Fn(f64) -> f64) -> f64 {
-    let each = noises.map(|(noisier, weight)| (likelihood(noisier), weight));
-    let most = each
-        .iter()
-        .map(|(l, _)| *l)
-        .fold(f64::NEG_INFINITY, f64::max);
-    let (sum, weights) = each.iter().fold((0.0, 0.0), |(sum, weights), (l, weight)| {
-        (sum + weight * (l - most).exp(), weights + weight)
-    });
+    let (mut each, mut most) = ([0.0; NOISES], f64::NEG_INFINITY);
+    for (l, (noisier, _)) in each.iter_mut().zip(noises) {
+        *l = likelihood(*noisier);
+        most = most.max(*l);
+    }
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for (l, (_, weight)) in each.iter().zip(noises) {
+        sum += weight * (l - most).exp();
+        weights += weight;
+    }
     most + (sum / weights).ln()
 }
 

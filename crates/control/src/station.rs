@@ -13,7 +13,7 @@ mod volts;
 use self::arm::{Arm, Started};
 use self::bench::Follows;
 pub use self::bench::{coarse, fine};
-use self::past::Past;
+use self::past::{Past, Stand};
 use self::playing::Playing;
 pub use self::volts::VoltageMachine;
 use crate::beam::{Askew, SpotSize};
@@ -89,6 +89,8 @@ pub struct Station<'a> {
     machine: &'a mut dyn Machine,
     observer: &'a mut dyn Observer,
     arms: [Arm; SIDES],
+    /// Of its cycle, seconds: the datasheet lies behind whatever stands around the machine.
+    period: f64,
     limits: Limits,
     shape: Shape,
     command: Command,
@@ -175,6 +177,7 @@ impl<'a> Station<'a> {
         });
         let kinematics = [&arms[0].kinematics, &arms[1].kinematics];
         Ok(Self {
+            period: spec.period(),
             playing: Playing::new(bench::caps(&spec, follows, kinematics)),
             past: Past::new(&spec),
             settling: follows.map(|micro| micro.settling),
@@ -290,7 +293,7 @@ impl<'a> Station<'a> {
         reason = "what is not inlined does not get the instructions of its caller"
     )]
     fn answer(&mut self) {
-        let (time, period) = (self.measurement.time, self.spec().period());
+        let (time, period) = (self.measurement.time, self.period);
         self.play_fine(time + period);
         for (i, arm) in self.arms.iter_mut().enumerate() {
             arm.wait(&self.measurement.encoders[i], self.limits.z, period);
@@ -353,9 +356,11 @@ impl<'a> Station<'a> {
     fn look(&mut self) {
         let stands = std::array::from_fn(|side| {
             let arm = &self.arms[side];
-            let encoders = &self.measurement.encoders[side];
-            let input = |i: usize| arm.kinematics.input(i, encoders[i]) - arm.windup[i];
-            (std::array::from_fn(input), arm.micro)
+            Stand {
+                encoders: self.measurement.encoders[side],
+                windup: arm.windup,
+                micro: arm.micro,
+            }
         });
         self.past.note(stands);
     }
@@ -365,7 +370,7 @@ impl<'a> Station<'a> {
     pub fn endpoint(&self, side: Side) -> Point<Macro> {
         let arm = &self.arms[side.index()];
         let encoders = &self.measurement.encoders[side.index()];
-        let outputs = std::array::from_fn(|i| arm.kinematics.input(i, encoders[i]) - arm.windup[i]);
+        let outputs = arm.kinematics.outputs_of(encoders, &arm.windup);
         let mut turning = arm.turning.get();
         let endpoint = arm.kinematics.endpoint_from(&mut turning, outputs);
         arm.turning.set(turning);

@@ -1,4 +1,4 @@
-//! A number for each of several joints, in arithmetic that a processor does on two or more at once.
+//! A number for each of several joints or axes, in arithmetic that a processor does on two or more at once.
 
 #![expect(
     clippy::inline_always,
@@ -11,11 +11,12 @@ use std::ops::{Add, Div, Index, IndexMut, Mul, Neg, Sub};
 /// `N` numbers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(align(32))]
-pub(crate) struct Each<const N: usize>(pub(crate) [f64; N]);
+pub struct Each<const N: usize>(pub [f64; N]);
 
 impl<const N: usize> Each<N> {
+    /// Each by its number.
     #[inline(always)]
-    pub(crate) fn of(value: impl FnMut(usize) -> f64) -> Self {
+    pub fn of(value: impl FnMut(usize) -> f64) -> Self {
         Self(std::array::from_fn(value))
     }
 
@@ -26,39 +27,50 @@ impl<const N: usize> Each<N> {
 
     /// These where it is so, the others elsewhere.
     #[inline(always)]
-    pub(crate) fn select(self, other: Self, here: impl Fn(usize) -> bool) -> Self {
+    #[must_use]
+    pub fn select(self, other: Self, here: impl Fn(usize) -> bool) -> Self {
         Self::of(|i| if here(i) { self.0[i] } else { other.0[i] })
     }
 
+    /// Their absolute values.
     #[inline(always)]
-    pub(crate) fn abs(self) -> Self {
+    #[must_use]
+    pub fn abs(self) -> Self {
         Self(self.0.map(f64::abs))
     }
 
+    /// Their square roots.
     #[inline(always)]
-    pub(crate) fn sqrt(self) -> Self {
+    #[must_use]
+    pub fn sqrt(self) -> Self {
         Self(self.0.map(f64::sqrt))
     }
 
+    /// The smaller of two.
     // A comparison and not `f64::min`, which takes more for what none of these is: not a number.
     #[inline(always)]
-    pub(crate) fn min(self, other: Self) -> Self {
+    #[must_use]
+    pub fn min(self, other: Self) -> Self {
         self.with(other, |a, b| if a < b { a } else { b })
     }
 
+    /// The larger of two.
     #[inline(always)]
-    pub(crate) fn max(self, other: Self) -> Self {
+    #[must_use]
+    pub fn max(self, other: Self) -> Self {
         self.with(other, |a, b| if a > b { a } else { b })
     }
 
+    /// Whether any is below zero.
     #[inline(always)]
-    pub(crate) fn any_negative(self) -> bool {
+    pub fn any_negative(self) -> bool {
         // No short cut: all are compared at once.
         self.0.iter().fold(false, |any, a| any | (*a < 0.0))
     }
 
+    /// Whether all are zero.
     #[inline(always)]
-    pub(crate) fn all_zero(self) -> bool {
+    pub fn all_zero(self) -> bool {
         !self.0.iter().fold(false, |any, a| any | (*a != 0.0))
     }
 }

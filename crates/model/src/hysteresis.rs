@@ -19,7 +19,8 @@
 
 #![expect(
     clippy::inline_always,
-    reason = "what is not inlined does not get the instructions of its caller"
+    clippy::needless_bitwise_bool,
+    reason = "what is not inlined does not get the instructions of its caller, and a short cut is a branch"
 )]
 
 use crate::Invalid;
@@ -241,6 +242,7 @@ impl Hysteresis {
         }
     }
 
+    #[inline(always)]
     fn blocks(&self) -> &[[f64; BLOCK]] {
         self.weights.as_chunks::<BLOCK>().0
     }
@@ -254,20 +256,24 @@ impl Hysteresis {
         state.input = input;
         let v = input + self.skew * input * input;
         let blocks = state.plays.as_chunks_mut::<BLOCK>().0.iter_mut();
-        let slack = self.slack.as_chunks::<BLOCK>().0;
-        for (((plays, sum), slack), weights) in
-            (blocks.zip(&mut state.sums).zip(slack)).zip(self.blocks())
-        {
-            let before = *plays;
-            for (play, slack) in plays.iter_mut().zip(slack) {
-                let (low, high) = (v - slack, v + slack);
-                let p = if *play < high { *play } else { high };
-                *play = if p > low { p } else { low };
-            }
-            // Two plays are never farther apart than their slacks: behind one that is not taken along none is.
-            if *plays == before {
+        let mut moved = 0;
+        for (plays, slack) in blocks.zip(self.slack.as_chunks::<BLOCK>().0) {
+            let taken: [f64; BLOCK] = std::array::from_fn(|k| {
+                let (low, high) = (v - slack[k], v + slack[k]);
+                let p = if plays[k] < high { plays[k] } else { high };
+                if p > low { p } else { low }
+            });
+            // Two plays are never farther apart than their slacks: behind one that is not taken along none is. (No short cut: all
+            // of a block are compared at once.)
+            if !(0..BLOCK).fold(false, |any, k| any | (taken[k] != plays[k])) {
                 break;
             }
+            *plays = taken;
+            moved += 1;
+        }
+        // Apart from the above, in which a processor does all of a block at once.
+        let blocks = state.plays.as_chunks::<BLOCK>().0.iter().zip(self.blocks());
+        for (sum, (plays, weights)) in state.sums.iter_mut().zip(blocks).take(moved) {
             *sum = added(weights, plays);
         }
         state.output = self.output(v, &state.sums);

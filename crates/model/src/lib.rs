@@ -31,7 +31,8 @@
 
 pub mod batch;
 pub mod cure;
-mod each;
+pub mod each;
+pub mod exponential;
 pub mod fivebar;
 pub mod frames;
 pub mod friction;

@@ -14,6 +14,7 @@
 )]
 
 use crate::Invalid;
+use crate::exponential::exp;
 use libm::erfc;
 use std::f64::consts::PI;
 
@@ -53,12 +54,32 @@ pub struct Coupler {
 /// One transverse plane of a [`Coupler`], with what does not depend on the misalignment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Plane {
-    source: f64,
-    receiver: f64,
+    /// Squares of the radii of source and receiver, square metres; their sum; four times their product.
+    squares: (f64, f64),
+    sum: f64,
+    product: f64,
+    /// Half of `1/w1^2 + 1/w2^2`, and `1/w1^2`.
+    halves: f64,
+    inverse: f64,
+    /// `lambda / pi`, metres, and its inverse.
     wavelength: f64,
+    inverse_wavelength: f64,
 }
 
 impl Plane {
+    fn new(source: f64, receiver: f64, wavelength: f64) -> Self {
+        let (w1, w2) = (source * source, receiver * receiver);
+        Self {
+            squares: (w1, w2),
+            sum: w1 + w2,
+            product: 4.0 * w1 * w2,
+            halves: 0.5 * (w1 + w2) / (w1 * w2),
+            inverse: 1.0 / w1,
+            wavelength: wavelength / PI,
+            inverse_wavelength: PI / wavelength,
+        }
+    }
+
     /// Power coupled in this plane (the two multiply), Joyce and `DeLoach` (1984):
     ///
     /// ```text
@@ -69,15 +90,22 @@ impl Plane {
     /// ```
     #[inline(always)]
     fn log_and_root(&self, x: f64, z: f64, tilt: f64) -> (f64, f64) {
-        let (w1, w2) = (self.source * self.source, self.receiver * self.receiver);
-        let spread = self.wavelength * z / PI;
-        let sum = w1 + w2;
-        let k = 4.0 * w1 * w2 / (sum * sum + spread * spread);
-        let waist_at_z = w1 + spread * spread / w1;
-        let angle = PI * tilt / self.wavelength;
-        let exponent = 0.5 * x * x * sum / (w1 * w2) + 0.5 * angle * angle * (waist_at_z + w2)
-            - x * tilt * z / w1;
+        let (w1, w2) = self.squares;
+        let spread = self.wavelength * z;
+        let spread = spread * spread;
+        let k = self.product / (self.sum * self.sum + spread);
+        let waist_at_z = w1 + spread * self.inverse;
+        let angle = self.inverse_wavelength * tilt;
+        let exponent = x * x * self.halves + 0.5 * angle * angle * (waist_at_z + w2)
+            - x * tilt * z * self.inverse;
         (k, k * exponent)
+    }
+
+    /// Radius of the source's beam at distance `z`, metres.
+    #[inline(always)]
+    fn radius(&self, z: f64) -> f64 {
+        let spread = self.wavelength * z;
+        (self.squares.0 + spread * spread * self.inverse).sqrt()
     }
 }
 
@@ -102,11 +130,7 @@ impl Coupler {
         ] {
             Invalid::positive("mode radius", radius)?;
         }
-        let plane = |source, receiver| Plane {
-            source,
-            receiver,
-            wavelength,
-        };
+        let plane = |source, receiver| Plane::new(source, receiver, wavelength);
         Ok(Self {
             x: plane(source.radius_x, receiver.radius_x),
             y: plane(source.radius_y, receiver.radius_y),
@@ -118,17 +142,13 @@ impl Coupler {
     pub fn efficiency(&self, at: &Misalignment) -> f64 {
         let (kx, ex) = self.x.log_and_root(at.x, at.z, at.tilt_x);
         let (ky, ey) = self.y.log_and_root(at.y, at.z, at.tilt_y);
-        (kx * ky).sqrt() * (-(ex + ey)).exp()
+        (kx * ky).sqrt() * exp(-(ex + ey))
     }
 
     /// Radius of the source's beam at distance `z`, the mean of its two planes, metres.
     #[inline(always)]
     pub fn beam_radius(&self, z: f64) -> f64 {
-        let radius = |p: &Plane| {
-            let spread = p.wavelength * z / (PI * p.source);
-            (p.source * p.source + spread * spread).sqrt()
-        };
-        0.5 * (radius(&self.x) + radius(&self.y))
+        0.5 * (self.x.radius(z) + self.y.radius(z))
     }
 }
 
@@ -154,27 +174,34 @@ pub fn exit_angle(facet: f64, index: f64, gap: f64) -> f64 {
 /// ```
 #[inline(always)]
 pub fn core_capture(offset: f64, core: f64, beam: f64) -> f64 {
-    const NODES: [(f64, f64); 5] = [
-        (0.148_874_338_981_631_2, 0.295_524_224_714_752_9),
-        (0.433_395_394_129_247_2, 0.269_266_719_309_996_3),
-        (0.679_409_568_299_024_4, 0.219_086_362_515_982),
-        (0.865_063_366_688_984_5, 0.149_451_349_150_580_6),
-        (0.973_906_528_517_171_7, 0.066_671_344_308_688_1),
-    ];
     if 3.0 * beam <= core {
         let rim = core - beam * beam / (8.0 * core);
         return 0.5 * erfc((offset - rim) * std::f64::consts::SQRT_2 / beam);
     }
     // Gauss-Legendre with ten points: the integrand is smooth over a third of its range at least.
     let scale = 2.0 / (beam * beam);
-    let half = 0.5 * core;
-    let mut sum = 0.0;
-    for (node, weight) in NODES {
-        let (inner, outer) = (half * (1.0 - node), half * (1.0 + node));
-        sum += weight * (ring(inner, offset, scale) + ring(outer, offset, scale));
+    let mut rings = [0.0; NODES.len()];
+    for (value, (node, weight)) in rings.iter_mut().zip(NODES) {
+        *value = weight * ring(0.5 * core * (1.0 + node), offset, scale);
     }
-    half * sum
+    0.5 * core * rings.iter().sum::<f64>()
 }
+
+/// Nodes of Gauss and Legendre with their weights; two that weigh nothing, so that four at once are worked out three times.
+const NODES: [(f64, f64); 12] = [
+    (-0.973_906_528_517_171_7, 0.066_671_344_308_688_1),
+    (-0.865_063_366_688_984_5, 0.149_451_349_150_580_6),
+    (-0.679_409_568_299_024_4, 0.219_086_362_515_982),
+    (-0.433_395_394_129_247_2, 0.269_266_719_309_996_3),
+    (-0.148_874_338_981_631_2, 0.295_524_224_714_752_9),
+    (0.148_874_338_981_631_2, 0.295_524_224_714_752_9),
+    (0.433_395_394_129_247_2, 0.269_266_719_309_996_3),
+    (0.679_409_568_299_024_4, 0.219_086_362_515_982),
+    (0.865_063_366_688_984_5, 0.149_451_349_150_580_6),
+    (0.973_906_528_517_171_7, 0.066_671_344_308_688_1),
+    (0.0, 0.0),
+    (0.0, 0.0),
+];
 
 /// The integrand at `r`, with `scale` for `2 / beam^2`. (No closure: one may be left a call, which gets none of its
 /// caller's instructions.)
@@ -184,35 +211,37 @@ fn ring(r: f64, offset: f64, scale: f64) -> f64 {
     2.0 * scale * r * bessel_i0_damped(2.0 * scale * r * offset, scale * gap * gap)
 }
 
-/// `exp(-x - y) I_0(x)` for `x >= 0`, to 3e-7 (Abramowitz and Stegun 9.8.1, 9.8.2), with one exponential in all.
+/// `exp(-x - y) I_0(x)` for `x >= 0`, to 3e-7 (Abramowitz and Stegun 9.8.1, 9.8.2), with one exponential in all and without a
+/// branch.
 #[inline(always)]
 fn bessel_i0_damped(x: f64, y: f64) -> f64 {
-    if x < 3.75 {
-        let t = (x / 3.75).powi(2);
-        let c = [
-            1.0,
-            3.515_622_9,
-            3.089_942_4,
-            1.206_749_2,
-            0.265_973_2,
-            0.036_076_8,
-            0.004_581_3,
-        ];
-        (-x - y).exp() * horner(t, c)
-    } else {
-        let c = [
-            0.398_942_28,
-            0.013_285_92,
-            0.002_253_19,
-            -0.001_575_65,
-            0.009_162_81,
-            -0.020_577_06,
-            0.026_355_37,
-            -0.016_476_33,
-            0.003_923_77,
-        ];
-        (-y).exp() * horner(3.75 / x, c) / x.sqrt()
-    }
+    const NEAR: [f64; 7] = [
+        1.0,
+        3.515_622_9,
+        3.089_942_4,
+        1.206_749_2,
+        0.265_973_2,
+        0.036_076_8,
+        0.004_581_3,
+    ];
+    const FAR: [f64; 9] = [
+        0.398_942_28,
+        0.013_285_92,
+        0.002_253_19,
+        -0.001_575_65,
+        0.009_162_81,
+        -0.020_577_06,
+        0.026_355_37,
+        -0.016_476_33,
+        0.003_923_77,
+    ];
+    let (is_near, t) = (x < 3.75, x * (1.0 / 3.75));
+    // Far, from where it is used on: nothing is divided by zero.
+    let far = if is_near { 3.75 } else { x };
+    let near = horner(t * t, NEAR);
+    let far = horner(3.75 / far, FAR) / far.sqrt();
+    let damping = if is_near { x + y } else { y };
+    exp(-damping) * if is_near { near } else { far }
 }
 
 /// A polynomial with these coefficients, of the constant first.

@@ -132,11 +132,15 @@ impl Memory {
         let step = output - state.last;
         state.last = output;
         if step != 0.0 {
-            for (deflection, way) in state.deflections.iter_mut().zip(&self.ways) {
-                // Comparisons, which are made on several at once: `f64::min` asks what is no number, too.
-                let moved = *deflection + step;
-                let low = if moved > -way { moved } else { -way };
-                *deflection = if low < *way { low } else { *way };
+            let deflections = state.deflections.as_chunks_mut::<4>().0.iter_mut();
+            for (deflections, ways) in deflections.zip(self.ways.as_chunks::<4>().0) {
+                // Four are worked out before one is written, so that they are at once. Comparisons, for `f64::min` asks what is no
+                // number, too.
+                *deflections = std::array::from_fn(|k| {
+                    let (moved, way) = (deflections[k] + step, ways[k]);
+                    let low = if moved > -way { moved } else { -way };
+                    if low < way { low } else { way }
+                });
             }
             // Most axes stand still while others move.
             state.windup = self.now(state);

@@ -310,6 +310,16 @@ impl Twin {
         )
     }
 
+    /// Whether there is nothing in a command that has to be looked at: no pulse, and no voltage that is no number.
+    fn is_plain(command: &Command) -> bool {
+        let motors = command.motors.as_flattened().iter();
+        // What is no number times zero is none, and so is what is infinite.
+        let volts = motors.chain(command.micro.as_flattened());
+        let none = volts.fold(0.0, |sum, Volts(volts)| sum + 0.0 * volts);
+        none == 0.0 && command.pulses.as_flattened().iter().all(Option::is_none)
+    }
+
+    #[cold]
     fn check(&mut self, command: &Command) -> Result<(), Fault> {
         for side in Side::ALL {
             for axis in Axis::ALL {
@@ -661,7 +671,9 @@ impl Machine for Twin {
         if let Some(fault) = &self.fault {
             return Err(fault.clone());
         }
-        self.check(command)?;
+        if !Self::is_plain(command) {
+            self.check(command)?;
+        }
         if self.broken.is_well() {
             self.cycle(command)
         } else {

@@ -9,6 +9,7 @@ use super::plant::{Device, Fiber, Light, Plant, Scatter};
 use super::{FiberTruth, Fixed};
 use pigtail_hal::spec::{CHANNELS, Channel, OUTPUTS, Side};
 use pigtail_model::Invalid;
+use pigtail_model::exponential::exp;
 use pigtail_model::frames::{Chip, Displacement, Point};
 use pigtail_model::optics::{
     Coupler, GaussianMode, Misalignment, core_capture, disc_below_edge, exit_angle,
@@ -273,7 +274,7 @@ impl LightPath {
         if below == 0.0 {
             return 0.0;
         }
-        (-hill).exp() * below
+        exp(-hill) * below
     }
 
     /// Where a fiber that is fixed really is.

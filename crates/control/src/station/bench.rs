@@ -1,5 +1,6 @@
 //! A station as a bench: it plays laws where its loops are closed, in every cycle.
 
+use super::past::Stand;
 use super::{Observer, Station, VoltageMachine};
 use crate::kinematics::Kinematics;
 use crate::outcome::Outcome;
@@ -277,7 +278,7 @@ impl Bench for Station<'_> {
     }
 
     fn next(&mut self, by: f64) -> Result<Event, Fault> {
-        let half = 0.5 * self.spec().period();
+        let half = 0.5 * self.period;
         loop {
             if let Some(event) = self.playing.events.pop_front() {
                 return Ok(event);
@@ -301,16 +302,24 @@ impl Bench for Station<'_> {
                 measured: true,
             });
         }
-        let (outputs, micro) = self.past.stand(side, ago)?;
+        let Stand {
+            encoders,
+            windup,
+            micro,
+        } = self.past.stand(side, ago)?;
         Some(match stage {
             Stage::Fine => Estimate {
                 pose: Pose::at(micro.x, micro.y, 0.0),
                 measured: false,
             },
-            Stage::Coarse => Estimate {
-                pose: pose_of(self.kinematics(side).endpoint_at(outputs).ok()?),
-                measured: true,
-            },
+            Stage::Coarse => {
+                let kinematics = self.kinematics(side);
+                let outputs = kinematics.outputs_of(&encoders, &windup);
+                Estimate {
+                    pose: pose_of(kinematics.endpoint_at(outputs).ok()?),
+                    measured: true,
+                }
+            }
         })
     }
 

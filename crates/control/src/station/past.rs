@@ -1,5 +1,6 @@
 //! Where the holders were of late.
 
+use pigtail_hal::quantity::Counts;
 use pigtail_hal::spec::{AXES, SIDES};
 use pigtail_hal::{Side, Spec};
 use pigtail_model::frames::Displacement;
@@ -8,8 +9,16 @@ use pigtail_model::frames::Displacement;
 /// says.
 const BEFORE: usize = 64;
 
-/// A holder's outputs (radians) and its micro's displacement (metres) in one cycle.
-pub(super) type Stand = ([f64; AXES], Displacement);
+/// How a manipulator stood in one cycle.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Stand {
+    /// By its encoders.
+    pub(super) encoders: [Counts; AXES],
+    /// What its transmissions held back, radians of the outputs.
+    pub(super) windup: [f64; AXES],
+    /// Where its micro was told to be, metres.
+    pub(super) micro: Displacement,
+}
 
 /// Where both were, for as long as a frame may be late.
 #[derive(Debug, Clone)]
@@ -21,8 +30,13 @@ pub(super) struct Past {
 impl Past {
     pub(super) fn new(spec: &Spec) -> Self {
         let cycles = (spec.vision.oldest() * spec.servo.rate).ceil() as usize + BEFORE;
+        let home = Stand {
+            encoders: [Counts(0); AXES],
+            windup: [0.0; AXES],
+            micro: Displacement::ZERO,
+        };
         Self {
-            recent: vec![[([0.0; AXES], Displacement::ZERO); SIDES]; cycles],
+            recent: vec![[home; SIDES]; cycles],
             cycle: 0,
         }
     }

@@ -184,7 +184,7 @@ impl Station<'_> {
                     ..
                 }) => {
                     let (middle, radius) = circle.middle(time, &self.leader(&circle.law));
-                    let angle = circle.angle + TAU * circle.law.rate * self.spec().period();
+                    let angle = circle.angle + TAU * circle.law.rate * self.period;
                     // A remainder is a call into the C library.
                     let angle = if (0.0..TAU).contains(&angle) {
                         angle

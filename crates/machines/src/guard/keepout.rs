@@ -33,6 +33,9 @@ const BESIDE: f64 = 8e-6;
 /// A tip is near to the chip within this, metres: within less than a millimetre across, which a joint whose encoder is stuck goes before it is
 /// stopped, the facet stands out by as much. A choice.
 const NEAR: f64 = 100e-6;
+/// A micro that has been told to stay this near to a place has not gone farther than twice as far, metres: less than what light
+/// that goes out asks for, and that shows without a look at each moment.
+const CALM: f64 = 0.45e-6;
 /// Cycles over which the speed of this moment is seen.
 const AT_ONCE: usize = 4;
 /// Cycles over which speeds are seen.
@@ -125,6 +128,35 @@ pub(super) struct Way {
     at_once: f64,
 }
 
+/// Where something was in x of late, metres: in each of so many cycles, over and over.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Crossed {
+    x: [f64; 2 * WHILE],
+    at: usize,
+}
+
+impl Crossed {
+    /// It has stood there.
+    fn at(x: f64) -> Self {
+        Self {
+            x: [x; 2 * WHILE],
+            at: 0,
+        }
+    }
+
+    #[inline(always)]
+    fn note(&mut self, x: f64) {
+        self.at = (self.at + 1) % self.x.len();
+        self.x[self.at] = x;
+    }
+
+    /// Where it was so many cycles ago, [`WHILE`] at most.
+    #[inline(always)]
+    fn before(&self, cycles: usize) -> f64 {
+        self.x[(self.at + self.x.len() - cycles) % self.x.len()]
+    }
+}
+
 /// What piezos may have kept to themselves of the way between two stands, metres: nothing sees where they are.
 #[inline(always)]
 fn hidden_by_piezos(now: &Stand, then: &Stand) -> f64 {
@@ -157,8 +189,8 @@ pub(super) struct Keepout {
     brake: f64,
     /// The same of an endpoint across, which brakes by itself.
     brake_across: f64,
-    /// Where the holders' fibers were in x of late by the outputs, without their micros, metres; the oldest first. Nothing on a rig without probes.
-    crossed: [Option<[f64; WHILE + 1]>; SIDES],
+    /// Where the holders' fibers were in x of late by the outputs, without their micros. Nothing on a rig without probes.
+    crossed: [Option<Crossed>; SIDES],
     /// Cycles that a piezo takes to come to where it was told to be.
     settle: usize,
     /// The square of the share of a way that a piezo may still be off, from now on every [`EVERY`] cycles.
@@ -168,6 +200,8 @@ pub(super) struct Keepout {
     stood: [usize; SIDES],
     /// For how many each micro has been told to be where it is.
     micro_stood: [usize; SIDES],
+    /// Around which place each was told to be within [`CALM`], and for how many cycles.
+    calm: [(Displacement, usize); SIDES],
     ways: [Way; SIDES],
     /// How far the tips of each were from the chip when last looked at, what is not known taken off, metres.
     clearances: [f64; SIDES],
@@ -245,6 +279,7 @@ impl Keepout {
             recent: vec![stands; cycles],
             stood: [0; SIDES],
             micro_stood: [0; SIDES],
+            calm: [(Displacement::ZERO, 0); SIDES],
             ways: Default::default(),
             clearances: [f64::INFINITY; SIDES],
             anew: false,
@@ -311,12 +346,15 @@ impl Keepout {
     #[inline(always)]
     pub(super) fn is_still(&self, side: usize, metres: f64) -> bool {
         let now = self.stand(side, 0).endpoint;
-        // What moves mostly shows by the first of them. What has stood where it is needs no look at each cycle.
-        for square in self.squares(side, 0) {
-            // What is no number has moved, too.
-            let near = square <= metres * metres;
-            if !near {
-                return false;
+        // What moves mostly shows by the first of them. What has stood where it is, or hardly moved, needs no look at each cycle.
+        let (_, calm) = self.calm[side];
+        if calm < LATE * self.settle || metres < 2.0 * CALM {
+            for square in self.squares(side, 0) {
+                // What is no number has moved, too.
+                let near = square <= metres * metres;
+                if !near {
+                    return false;
+                }
             }
         }
         for back in self.stood[side] + 1..=self.settle {
@@ -380,7 +418,7 @@ impl Keepout {
         micro: &[[Volts; MICRO_AXES]; SIDES],
     ) -> [bool; SIDES] {
         let (encoders, probes) = (&measured.encoders, measured.probes.as_ref());
-        let before = self.recent[self.at];
+        let last = self.at;
         self.at += 1;
         if self.at == self.recent.len() {
             self.at = 0;
@@ -389,11 +427,9 @@ impl Keepout {
         for (i, whole) in wholes.iter_mut().enumerate() {
             let arm = &self.geometry.arms[i];
             let [a, b, Counts(z)] = encoders[i];
-            let Stand {
-                mut endpoint,
-                mut gone,
-                ..
-            } = before[i];
+            let before = &self.recent[last][i];
+            let (was, was_told) = (before.endpoint, before.micro);
+            let (mut endpoint, mut gone) = (was, before.gone);
             if [a, b] != self.seen_counts[i] {
                 self.seen_counts[i] = [a, b];
                 let turned = [a, b].map(|Counts(counts)| counts as f64 * self.radians_per_count);
@@ -412,15 +448,22 @@ impl Keepout {
                 added += *gain * (volts - self.middle);
             }
             let tip = arm.placement.chip_from_macro(endpoint.moved(added));
-            self.stood[i] = if endpoint == before[i].endpoint {
+            self.stood[i] = if endpoint == was {
                 self.stood[i].saturating_add(1)
             } else {
                 0
             };
-            self.micro_stood[i] = if added == before[i].micro {
+            self.micro_stood[i] = if added == was_told {
                 self.micro_stood[i].saturating_add(1)
             } else {
                 0
+            };
+            let (around, cycles) = self.calm[i];
+            let off = added - around;
+            self.calm[i] = if off.x * off.x + off.y * off.y <= CALM * CALM {
+                (around, cycles.saturating_add(1))
+            } else {
+                (added, 0)
             };
             self.recent[self.at][i] = Stand {
                 time: measured.time,
@@ -437,6 +480,7 @@ impl Keepout {
             self.recent.fill(now);
             self.stood = [0; SIDES];
             self.micro_stood = [0; SIDES];
+            self.calm = [(Displacement::ZERO, 0); SIDES];
         }
         self.ways = [self.way_now(0), self.way_now(1)];
         wholes
@@ -470,11 +514,10 @@ impl Keepout {
     /// micro apart: that goes nowhere when all stops.
     #[inline(always)]
     fn comes_nearer_across(&mut self, side: usize, x: f64) -> f64 {
-        let crossed = self.crossed[side].get_or_insert([x; WHILE + 1]);
-        crossed.rotate_left(1);
-        crossed[WHILE] = x;
-        let on_average = (x - crossed[0]) / WHILE as f64;
-        let now = (x - crossed[WHILE - AT_ONCE]) / AT_ONCE as f64;
+        let crossed = self.crossed[side].get_or_insert_with(|| Crossed::at(x));
+        crossed.note(x);
+        let on_average = (x - crossed.before(WHILE)) / WHILE as f64;
+        let now = (x - crossed.before(AT_ONCE)) / AT_ONCE as f64;
         // The one by which the facet comes nearer faster: one that gathers speed is faster than it was on average.
         let nearer = self.geometry.facets[side].stands_out;
         let speed = self.rate

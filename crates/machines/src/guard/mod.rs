@@ -26,8 +26,9 @@ use pigtail_hal::spec::{AXES, MICRO_AXES, SIDES};
 use pigtail_hal::{
     Axis, AxisName, Command, Fault, FiberHandling, Handled, Machine, Measurement, Rule, Side, Spec,
 };
+use pigtail_model::each::Each;
 use pigtail_model::instructions::{Instructions, Work};
-use watch::{Outputs, Piezos, Sensors, Stalls};
+use watch::{Outputs, Piezos, Sensors, Stalls, of_axes};
 
 /// A machine that is watched.
 #[derive(Debug)]
@@ -209,6 +210,21 @@ impl<M: Machine> Guard<M> {
 
     /// What is wrong with a command.
     fn check_command(&mut self, command: &Command) -> Result<(), Broken> {
+        if !self.limits.allow(command) {
+            self.check_volts(command)?;
+        }
+        if command.pulses.as_flattened().iter().any(Option::is_some) {
+            self.check_pulses(command)?;
+        }
+        if self.leaves_out(&Rule::PiezoRunaway) {
+            return Ok(());
+        }
+        self.piezos.check(&command.micro)
+    }
+
+    /// Which voltage is none that may be given.
+    #[cold]
+    fn check_volts(&self, command: &Command) -> Result<(), Broken> {
         for side in Side::ALL {
             for axis in Axis::ALL {
                 let limit = self.limits.volts[axis.index()];
@@ -222,13 +238,7 @@ impl<M: Machine> Guard<M> {
                 })?;
             }
         }
-        if command.pulses != Command::NO_PULSES {
-            self.check_pulses(command)?;
-        }
-        if self.leaves_out(&Rule::PiezoRunaway) {
-            return Ok(());
-        }
-        self.piezos.check(&command.micro)
+        Ok(())
     }
 
     #[cold]
@@ -361,12 +371,11 @@ impl<M: Machine> Guard<M> {
         probes: &[[f64; AXES]; SIDES],
         measured: &Measurement,
     ) -> Result<(), Broken> {
-        let scale = &self.limits.probe_per_count;
-        let (mut encoders, mut speeds) = ([[0.0; AXES]; SIDES], [[0.0; AXES]; SIDES]);
+        let scale = of_axes(self.limits.probe_per_count);
+        let probes = [of_axes(probes[0]), of_axes(probes[1])];
+        let (mut encoders, mut speeds) = ([Each([0.0; 4]); SIDES], [Each([0.0; 4]); SIDES]);
         for i in 0..SIDES {
-            for k in 0..AXES {
-                encoders[i][k] = measured.encoders[i][k].0 as f64 * scale[k];
-            }
+            encoders[i] = of_axes(measured.encoders[i].map(|Counts(at)| at as f64)) * scale;
             let z = self.keepout.way(i).along;
             speeds[i][AXES - 1] = z / (WHILE as f64 * self.limits.period);
         }
@@ -375,9 +384,9 @@ impl<M: Machine> Guard<M> {
             let across = self.keepout.way(i).across / (WHILE as f64 * self.limits.period);
             let near = self.keepout.is_near(i);
             self.outputs
-                .check_stuck(side, &probes[i], &encoders[i], across, near)?;
+                .check_stuck(side, probes[i], encoders[i], across, near)?;
         }
-        self.outputs.check(probes, &encoders, &speeds)
+        self.outputs.check(&probes, &encoders, &speeds)
     }
 
     #[inline(always)]
@@ -520,6 +529,21 @@ impl Limits {
             clearance: guard.clearance,
             retract: guard.retract,
         }
+    }
+
+    /// Whether all voltages of a command are numbers in their ranges.
+    #[inline(always)]
+    fn allow(&self, command: &Command) -> bool {
+        let (mut well, slack) = (true, ROUNDING * self.micro_volts);
+        for (motors, micro) in command.motors.iter().zip(&command.micro) {
+            for (Volts(volts), limit) in motors.iter().zip(self.volts) {
+                well &= volts.abs() <= limit + ROUNDING * limit;
+            }
+            for Volts(volts) in micro {
+                well &= (-slack..=self.micro_volts + slack).contains(volts);
+            }
+        }
+        well
     }
 }
 

@@ -9,6 +9,7 @@ use super::Broken;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::{AXES, CHANNELS, MICRO_AXES, SIDES};
 use pigtail_hal::{Axis, AxisName, Channel, Measurement, Rule, Side, Spec, VisionFrame};
+use pigtail_model::each::Each;
 
 /// A sensor is late after so many of its own periods.
 const LATE: f64 = 4.0;
@@ -249,18 +250,27 @@ const RELAXES: f64 = 0.1;
 /// The axes that go across.
 const JOINTS: [Axis; 2] = [Axis::A, Axis::B];
 
+/// A number of each axis of a manipulator, and one more: four of them are worked on at once.
+pub(super) type OfAxes = Each<4>;
+
+/// The numbers of a manipulator's axes.
+#[inline(always)]
+pub(super) fn of_axes([a, b, z]: [f64; AXES]) -> OfAxes {
+    Each([a, b, z, 0.0])
+}
+
 /// Outputs that do not do what their motors' encoders say.
 #[derive(Debug, Clone)]
 pub(super) struct Outputs {
     share: f64,
-    apart: [f64; AXES],
+    apart: OfAxes,
     /// By what time of a motion an output follows its motor, usually, and how much more or less it may
     /// be, seconds.
     lag: f64,
     /// What each probe and its encoder have differed by of late, metres.
-    usual: Option<[[f64; AXES]; SIDES]>,
+    usual: Option<[OfAxes; SIDES]>,
     /// How fast each has been of late, m/s: what a motion made of the usual stays for as long after it.
-    fast: [[f64; AXES]; SIDES],
+    fast: [OfAxes; SIDES],
     /// Where the motors of joints stand.
     stood: [[Option<Stood>; JOINTS.len()]; SIDES],
 }
@@ -270,10 +280,10 @@ impl Outputs {
         let xy = spec.guard.windup;
         Self {
             share: spec.period() / SLOW,
-            apart: [xy, xy, spec.guard.windup_z],
+            apart: of_axes([xy, xy, spec.guard.windup_z]),
             lag: spec.guard.lag,
             usual: None,
-            fast: [[0.0; AXES]; SIDES],
+            fast: [Each([0.0; 4]); SIDES],
             stood: Default::default(),
         }
     }
@@ -286,8 +296,8 @@ impl Outputs {
     pub(super) fn check_stuck(
         &mut self,
         side: Side,
-        probes: &[f64; AXES],
-        encoders: &[f64; AXES],
+        probes: OfAxes,
+        encoders: OfAxes,
         across: f64,
         near: bool,
     ) -> Result<(), Broken> {
@@ -327,37 +337,44 @@ impl Outputs {
     #[inline(always)]
     pub(super) fn check(
         &mut self,
-        probes: &[[f64; AXES]; SIDES],
-        encoders: &[[f64; AXES]; SIDES],
-        speeds: &[[f64; AXES]; SIDES],
+        probes: &[OfAxes; SIDES],
+        encoders: &[OfAxes; SIDES],
+        speeds: &[OfAxes; SIDES],
     ) -> Result<(), Broken> {
-        let usual = self.usual.get_or_insert_with(|| {
-            std::array::from_fn(|i| std::array::from_fn(|k| probes[i][k] - encoders[i][k]))
-        });
+        let apart = |i: usize| probes[i] - encoders[i];
+        let usual = self.usual.get_or_insert([apart(0), apart(1)]);
         for side in Side::ALL {
-            for axis in Axis::ALL {
-                let (i, k) = (side.index(), axis.index());
-                let lag = self.lag * speeds[i][k];
-                let by = probes[i][k] - encoders[i][k] + lag - usual[i][k];
-                usual[i][k] += self.share * by;
-                let speed = speeds[i][k].abs();
-                let fast = &mut self.fast[i][k];
-                *fast += self.share * (speed - *fast);
-                let accepted = self.apart[k] + (self.lag * speed).max(SCALE * SLOW * *fast);
-                // A comparison that a NaN fails too.
-                if by.abs() <= accepted {
-                    continue;
-                }
-                return Err(Broken::new(
-                    Rule::OutputFollowing,
-                    AxisName { side, axis }.to_string(),
-                    format!("{:.1} um from where its motor has it", by * 1e6),
-                    format!("at most {:.1} um at this speed", accepted * 1e6),
-                ));
+            let i = side.index();
+            let by = probes[i] - encoders[i] + self.lag * speeds[i] - usual[i];
+            usual[i] = usual[i] + self.share * by;
+            let speed = speeds[i].abs();
+            let fast = self.fast[i] + self.share * (speed - self.fast[i]);
+            self.fast[i] = fast;
+            let accepted = self.apart + (self.lag * speed).max(SCALE * SLOW * fast);
+            // A comparison that a NaN fails too, without a short cut: all of them at once.
+            if !(0..4).fold(true, |well, k| well & (by[k].abs() <= accepted[k])) {
+                return Err(apart_by(side, by, accepted));
             }
         }
         Ok(())
     }
+}
+
+/// What is said of the first axis of a side that is farther from where its motor has it than is accepted, metres.
+#[cold]
+fn apart_by(side: Side, by: OfAxes, accepted: OfAxes) -> Broken {
+    let well = |axis: &&Axis| by[axis.index()].abs() <= accepted[axis.index()];
+    let axis = *Axis::ALL
+        .iter()
+        .find(|axis| !well(axis))
+        .unwrap_or(&Axis::Z);
+    let k = axis.index();
+    Broken::new(
+        Rule::OutputFollowing,
+        AxisName { side, axis }.to_string(),
+        format!("{:.1} um from where its motor has it", by[k] * 1e6),
+        format!("at most {:.1} um at this speed", accepted[k] * 1e6),
+    )
 }
 
 /// A swing of a piezo counts from this share of its range on.
