@@ -359,9 +359,10 @@ impl<'b> AlignmentCell<'b> {
         measured.then(|| self.caps().groups[fine(side).0].bandwidth / TUNING.dynamics.turns)
     }
 
-    /// Whether the camera has seen a tip of a side swing farther than it was told to.
+    /// Whether the camera has seen a tip of a side swing farther than it was told to, by a micro of which nobody has measured how it swings: what a
+    /// transmission lets out aside in jerks may look like it, and where that was measured it is known better.
     pub fn is_seen_to_swing(&self, side: Side) -> bool {
-        self.tips.borrow().swing(side).by().is_some()
+        !self.layout.settles[side.index()] && self.tips.borrow().swing(side).by().is_some()
     }
 
     /// By when the micro of a side has come to rest, seconds, as far as the camera has seen it swing and come to rest; how it swings is seen anew from now on.
