@@ -269,7 +269,7 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
     let (by_blur, no_blur) = blurred::others(chosen, &signals);
     less.extend(by_blur);
     unknown.extend(no_blur.filter(|_| unknown.is_empty()));
-    let parameters = chosen
+    let mut parameters: Vec<Parameter> = chosen
         .parameters
         .iter()
         .map(|(name, known)| Parameter {
@@ -278,6 +278,12 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
                 .then(|| agreed(&models, chosen, &less, name, *known)),
         })
         .collect();
+    if let Some(vague) = ways::vague(&parameters, raw) {
+        for parameter in parameters.iter_mut().filter(|p| vague.covers(p.name)) {
+            parameter.known = None;
+        }
+        unknown.push(vague);
+    }
     let residuals = signals.residuals(&signals.columns(chosen.parts, chosen.way), &chosen.values);
     let account = Account {
         modelled: signals
