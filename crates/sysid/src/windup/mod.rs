@@ -270,7 +270,15 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
     let (by_blur, no_blur) = blurred::others(chosen, &signals);
     less.extend(by_blur);
     unknown.extend(no_blur.filter(|_| unknown.is_empty()));
-    let parameters = stated(&models, chosen, &less, &mut unknown, raw);
+    let parameters = chosen
+        .parameters
+        .iter()
+        .map(|(name, known)| Parameter {
+            name,
+            known: (!unknown.iter().any(|u| u.covers(name)))
+                .then(|| agreed(&models, chosen, &less, name, *known)),
+        })
+        .collect();
     let residuals = signals.residuals(&signals.columns(chosen.parts, chosen.way), &chosen.values);
     let account = Account {
         modelled: signals
@@ -294,29 +302,6 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
         remarks,
         account,
     })
-}
-
-/// What is told of the chosen model's parameters, and what is not known of them.
-fn stated(
-    models: &[Fitted],
-    chosen: &Fitted,
-    less: &[(&'static str, f64)],
-    unknown: &mut Vec<Unknown>,
-    raw: f64,
-) -> Vec<Parameter> {
-    let of = |(name, known): &(&'static str, Known)| Parameter {
-        name,
-        known: (!unknown.iter().any(|u| u.covers(name)))
-            .then(|| agreed(models, chosen, less, name, *known)),
-    };
-    let mut parameters: Vec<Parameter> = chosen.parameters.iter().map(of).collect();
-    if let Some(vague) = ways::vague(&parameters, raw) {
-        for parameter in parameters.iter_mut().filter(|p| vague.covers(p.name)) {
-            parameter.known = None;
-        }
-        unknown.push(vague);
-    }
-    parameters
 }
 
 /// The skew by the richest model that has one way about it, and by shifting the channel, for at high accelerations a skew is more than

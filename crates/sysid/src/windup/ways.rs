@@ -4,10 +4,8 @@
 //! minima over it. Where a model leaves much more than noise, as of a record without the torque that winds a transmission up too, a minimum
 //! far off is nearly as low as the best one, and a deviation about that one says nothing of it.
 
-use super::role::WORTH;
+use super::Fitted;
 use super::signals::Signals;
-use super::{Fitted, Parameter};
-use crate::Unknown;
 use pigtail_numerics::signal::independent;
 use pigtail_numerics::statistics::spread_of_mixture;
 
@@ -45,33 +43,4 @@ pub(super) fn others(chosen: &Fitted, signals: &Signals) -> Vec<(&'static str, f
             (all > std).then(|| (name, (all * all - std * std).sqrt()))
         })
         .collect()
-}
-
-/// That nothing is known of a maximum, or of a way, that is unsure by more than itself. No windup at all may be known well, and its way is
-/// nothing then: asked is only where there may be one worth speaking of, `raw` being all that is told.
-pub(super) fn vague(parameters: &[Parameter], raw: f64) -> Option<Unknown> {
-    let of = |name: &str| parameters.iter().find(|p| p.name == name)?.known;
-    let highest = of("w_max")?;
-    if highest.value.abs() + highest.std_correlated < WORTH * raw {
-        return None;
-    }
-    let vague: Vec<&'static str> = ["w_max", "q"]
-        .into_iter()
-        .filter(|name| of(name).is_some_and(|k| k.std_correlated > k.value.abs()))
-        .collect();
-    let said = vague.iter().filter_map(|name| {
-        let known = of(name)?;
-        Some(format!(
-            "{name} as {:.2e} with a standard deviation of {:.2e}",
-            known.value, known.std_correlated
-        ))
-    });
-    let said: Vec<String> = said.collect();
-    (!vague.is_empty()).then(|| Unknown {
-        parameters: vague,
-        because: format!(
-            "it tells {}: others tell it nearly as well; record the torque too, or longer ways to and fro",
-            said.join(" and ")
-        ),
-    })
 }
