@@ -97,30 +97,18 @@ const TOLD: f64 = 0.2;
 ///
 /// When time does not rise, or next to nothing is there.
 pub fn even(time: &[f64], columns: &[&[f64]]) -> Result<Even, Uneven> {
-    let (kept, twice, equal) = usable(time, columns)?;
+    let Grid {
+        kept,
+        twice,
+        coarse,
+        period,
+        gaps,
+        parts,
+        places,
+        clocks,
+    } = Grid::of(time, columns)?;
     let unusable = time.len() - twice - kept.len();
-    let steps: Vec<f64> = kept.windows(2).map(|w| time[w[1]] - time[w[0]]).collect();
     let column = columns.first().copied().unwrap_or(time);
-    let coarse = coarse(time, column, &kept, &steps, equal);
-    let period = coarse.unwrap_or_else(|| comb(time, &kept, quantile(&steps, 0.5)));
-    if period <= 0.0 {
-        let row = kept[1] + 1;
-        return Err(Uneven::Falls {
-            row,
-            before: time[kept[0]],
-            after: time[kept[1]],
-        });
-    }
-    let (mut parts, places) = places(time, &kept, &steps, period, coarse.is_some());
-    let gaps = parts.len() - 1;
-    parts.retain(|part| part.len() >= 2);
-    if parts.is_empty() {
-        return Err(Uneven::TooShort(kept.len()));
-    }
-    let clocks: Vec<(f64, f64)> = parts
-        .iter()
-        .map(|part| clock_of(time, &kept, &places, part))
-        .collect();
     let rows: usize = parts.iter().map(ExactSizeIterator::len).sum();
     // Every stretch weighs as its length.
     let step = |i: usize| {
@@ -154,7 +142,7 @@ pub fn even(time: &[f64], columns: &[&[f64]]) -> Result<Even, Uneven> {
             }
         }
     }
-    let clock = if coarse.is_some() {
+    let clock = if coarse {
         Clock::Coarse
     } else if jitter <= EVEN && peak(&late) <= 5.0 * EVEN {
         Clock::Even
@@ -194,6 +182,85 @@ pub fn even(time: &[f64], columns: &[&[f64]]) -> Result<Even, Uneven> {
         interpolated: clock == Clock::Stamps || bridged > 0,
         clock,
     })
+}
+
+/// Where a record's rows lie on even grids.
+struct Grid {
+    /// The rows that are used.
+    kept: Vec<usize>,
+    twice: usize,
+    /// Whether stamps are coarser than samples are apart.
+    coarse: bool,
+    /// First guess of the time between samples, seconds.
+    period: f64,
+    gaps: usize,
+    /// Stretches, as rows of `kept`.
+    parts: Vec<std::ops::Range<usize>>,
+    /// The place of each row on the grid of its stretch.
+    places: Vec<usize>,
+    /// Start and step of each stretch's grid, seconds.
+    clocks: Vec<(f64, f64)>,
+}
+
+impl Grid {
+    fn of(time: &[f64], columns: &[&[f64]]) -> Result<Self, Uneven> {
+        let (kept, twice, equal) = usable(time, columns)?;
+        let steps: Vec<f64> = kept.windows(2).map(|w| time[w[1]] - time[w[0]]).collect();
+        let column = columns.first().copied().unwrap_or(time);
+        let coarse = coarse(time, column, &kept, &steps, equal);
+        let period = coarse.unwrap_or_else(|| comb(time, &kept, quantile(&steps, 0.5)));
+        if period <= 0.0 {
+            let row = kept[1] + 1;
+            return Err(Uneven::Falls {
+                row,
+                before: time[kept[0]],
+                after: time[kept[1]],
+            });
+        }
+        let (mut parts, places) = places(time, &kept, &steps, period, coarse.is_some());
+        let gaps = parts.len() - 1;
+        parts.retain(|part| part.len() >= 2);
+        if parts.is_empty() {
+            return Err(Uneven::TooShort(kept.len()));
+        }
+        let clocks = parts
+            .iter()
+            .map(|part| clock_of(time, &kept, &places, part))
+            .collect();
+        Ok(Self {
+            kept,
+            twice,
+            coarse: coarse.is_some(),
+            period,
+            gaps,
+            parts,
+            places,
+            clocks,
+        })
+    }
+}
+
+/// The moments at which rows were taken, where a smooth column tells that it was evenly while they were stamped unevenly, and a
+/// remark on it.
+pub fn taken(time: &[f64], column: &[f64]) -> Option<(Vec<f64>, String)> {
+    let even = even(time, &[column]).ok()?;
+    if !matches!(even.clock, Clock::Nominal | Clock::Coarse) {
+        return None;
+    }
+    let grid = Grid::of(time, &[column]).ok()?;
+    let on_grids: usize = grid.parts.iter().map(ExactSizeIterator::len).sum();
+    if on_grids < time.len() {
+        return None;
+    }
+    let clocks = grid.parts.iter().zip(&grid.clocks);
+    let moments = clocks
+        .flat_map(|(part, (start, step))| {
+            grid.places[part.clone()]
+                .iter()
+                .map(move |place| start + step * *place as f64)
+        })
+        .collect();
+    Some((moments, even.remarks().pop()?))
 }
 
 /// Rows with a value in every column, without those that are there twice, how many of these there are, and how many

@@ -4,7 +4,7 @@ use super::Unknown;
 use super::skew::{self, Skew};
 use super::smooth::smoothed;
 use super::tremble::{noise, tremble};
-use crate::timeline::counted;
+use crate::timeline::{counted, taken};
 use pigtail_numerics::signal::quantile;
 
 /// Displacement and force at a moment.
@@ -88,13 +88,19 @@ impl Record {
                 ));
             }
         }
-        let steps: Vec<f64> = kept.windows(2).map(|w| at(w[1]) - at(w[0])).collect();
+        let mut moments: Vec<f64> = kept.iter().map(|k| at(*k)).collect();
+        // What is smooth in time, and how late a force is, is told by when samples were taken.
+        if let Some((taken, remark)) = time.and_then(|_| taken(&moments, &displacement)) {
+            moments = taken;
+            remarks.push(remark);
+        }
+        let steps: Vec<f64> = moments.windows(2).map(|w| w[1] - w[0]).collect();
         let period = quantile(&steps, 0.5);
-        let mut samples: Vec<Sample> = kept
-            .iter()
+        let mut samples: Vec<Sample> = moments
+            .into_iter()
             .zip(displacement.into_iter().zip(force))
-            .map(|(k, (displacement, force))| Sample {
-                time: at(*k),
+            .map(|(time, (displacement, force))| Sample {
+                time,
                 displacement,
                 force,
                 begins: false,
@@ -124,7 +130,7 @@ impl Record {
         };
         record.check()?;
         record.thin();
-        record.noise = noise(&record);
+        record.noise = noise(&record.samples);
         record.tremble = tremble(&record);
         if let Some(reach) = smoothed(&mut record) {
             record.remarks.push(format!(

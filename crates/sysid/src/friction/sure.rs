@@ -2,9 +2,9 @@
 
 use super::fit::{counted, settled};
 use super::skew::shifted;
+use super::tremble::noise;
 use super::{Known, Law, Record, Sample, fit, turned};
 use pigtail_numerics::nonlinear::{minimise, uncertainty};
-use pigtail_numerics::signal::quantile;
 
 /// Samples whose displacement is read `by` seconds before, by its rate.
 fn displaced(samples: &[Sample], by: f64) -> Vec<Sample> {
@@ -125,14 +125,7 @@ const SPREAD: f64 = 0.288_675;
 /// where noise matters only once it is as large as a step, as in Dahl's law. By the middle they are corrected, and by the spread
 /// they are less sure.
 pub(super) fn widen(law: Law, record: &Record, known: &mut [Known]) {
-    // Of white noise the second difference has six times the power.
-    let seconds: Vec<f64> = record
-        .samples
-        .windows(3)
-        .filter(|w| !w[1].begins && !w[2].begins)
-        .map(|w| (w[0].displacement - 2.0 * w[1].displacement + w[2].displacement).abs())
-        .collect();
-    let noise = 1.4826 * quantile(&seconds, 0.5) / 6f64.sqrt();
+    let noise = noise(&record.samples);
     let values: Vec<f64> = known.iter().map(|k| k.value).collect();
     if noise.is_nan() || noise <= 0.0 {
         return;

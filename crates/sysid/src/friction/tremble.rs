@@ -6,7 +6,7 @@
 
 use super::fit::settled;
 use super::smooth::parabola;
-use super::{Fitted, LEAST, Record, residuals, turned};
+use super::{Fitted, LEAST, Record, Sample, residuals, turned};
 use crate::steady::SURE;
 use pigtail_numerics::signal::{independent, quantile, rms};
 
@@ -41,7 +41,7 @@ pub(super) fn tremble(record: &Record) -> f64 {
         .filter_map(|k| Some((samples[k].displacement - parabola(samples, k, reach)?[0]).abs()))
         .collect();
     let size = quantile(&beside, 0.75) / QUARTILE;
-    let noise = noise(record);
+    let noise = noise(&record.samples);
     if size > MORE * noise {
         (size * size - noise * noise).sqrt()
     } else {
@@ -49,15 +49,28 @@ pub(super) fn tremble(record: &Record) -> f64 {
     }
 }
 
-/// Deviation of the displacement's noise from sample to sample: of white noise the second difference has six times the power.
-pub(super) fn noise(record: &Record) -> f64 {
-    let seconds: Vec<f64> = record
-        .samples
-        .windows(3)
-        .filter(|w| !w[1].begins && !w[2].begins)
-        .map(|w| (w[0].displacement - 2.0 * w[1].displacement + w[2].displacement).abs())
-        .collect();
-    quantile(&seconds, 0.75) / (QUARTILE * 6f64.sqrt())
+/// Deviation of the displacement's noise from sample to sample, by how far each lies from the line through its neighbours: by their
+/// moments, or as if they were evenly apart, where that leaves less. Of samples that were taken unevenly a second difference is mostly
+/// speed, and of some that were stamped unevenly a line by their moments.
+pub(super) fn noise(samples: &[Sample]) -> f64 {
+    let beside = |share: &dyn Fn(&[Sample]) -> f64| {
+        let sizes: Vec<f64> = samples
+            .windows(3)
+            .filter(|w| !w[1].begins && !w[2].begins)
+            .map(|w| {
+                let share = share(w);
+                let [before, own, behind] = [0, 1, 2].map(|k| w[k].displacement);
+                let beside = own - before - share * (behind - before);
+                beside.abs() / (1.0 + share * share + (1.0 - share).powi(2)).sqrt()
+            })
+            .collect();
+        quantile(&sizes, 0.75) / QUARTILE
+    };
+    let by_time = |w: &[Sample]| {
+        let share = (w[1].time - w[0].time) / (w[2].time - w[0].time);
+        if share.is_finite() { share } else { 0.5 }
+    };
+    beside(&|_| 0.5).min(beside(&by_time))
 }
 
 /// A contact slides where a law's force is within this share of a side's level.

@@ -1,6 +1,6 @@
 //! How well a response tells a delay: filters and other dampings turn the phase as one does.
 
-use super::record::Record;
+use super::record::{Filter, Record};
 use super::search::{extend_pole, squares};
 use super::{Known, Model, Unknown};
 use crate::steady::chi_squared;
@@ -8,6 +8,7 @@ use nalgebra::Complex;
 use pigtail_numerics::nonlinear::{minimise, uncertainty_of_points};
 use pigtail_numerics::signal::independent;
 use pigtail_numerics::statistics::spread_of_mixture;
+use std::f64::consts::SQRT_2;
 
 /// That nothing is known of a delay that is unsure by more than itself, and by more than a third of a radian at the highest frequency
 /// (`top`, rad/s): none at all may be known well.
@@ -90,7 +91,7 @@ pub(super) fn delay_spread(record: &Record, coded: &[f64]) -> f64 {
         by_model(&|c| more.residuals(c), &other, 2);
     }
     let filtered = |c: &[f64]| behind_a_filter(record, c);
-    if let Some(other) = a_filter(&filtered, coded, (at, record.filtered)) {
+    if let Some(other) = a_filter(&filtered, coded, (at, record.filter != Filter::None)) {
         by_model(&filtered, &other, 1);
     }
     // With modes and poles as they are, by a part of the points.
@@ -107,7 +108,7 @@ pub(super) fn delay_spread(record: &Record, coded: &[f64]) -> f64 {
         let residuals = |d: &[f64]| {
             let mut moved = coded.to_vec();
             moved[at] = d[0] * scale;
-            if part.filtered {
+            if part.filter != Filter::None {
                 moved[coded.len() - 1] *= scale;
             }
             part.residuals(&moved)
@@ -175,6 +176,23 @@ pub(super) fn in_series(record: &Record, coded: &[f64]) -> Option<(Record, Vec<f
         ..record.with_poles(record.poles - 1)
     };
     Some((record, start))
+}
+
+/// Where a model begins that went through Butterworth's filter of two poles, in the place of one pole where it has one.
+pub(super) fn behind_two(record: &Record, coded: &[f64]) -> (Record, Vec<f64>) {
+    /// A filter to begin with, its corner a little above the points.
+    const BEGUN: f64 = 0.7;
+    let mut start = coded.to_vec();
+    if record.filter == Filter::None {
+        // What a delay had of the filter's phase.
+        start[2 * record.modes(coded)] -= SQRT_2 * BEGUN;
+        start.push(BEGUN);
+    }
+    let record = Record {
+        filter: Filter::Two,
+        ..record.clone()
+    };
+    (record, start)
 }
 
 /// The numbers of a model behind a filter that tell a response best, the filter begun within and above the points.

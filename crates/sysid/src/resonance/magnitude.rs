@@ -10,6 +10,7 @@
 //! whose poles are the same (H. W. Bode, *Network Analysis and Feedback Amplifier Design*, 1945). Modes are
 //! looked for in it, and settle on the logarithm of the magnitude, in which that phase has no part.
 
+use super::record::Filter;
 use super::{Identified, Record, modes_of, peaks, pruned, search, stated_modes};
 use crate::{Parameter, Unknown};
 use nalgebra::{Complex, DVector};
@@ -85,7 +86,8 @@ fn least_phase(record: &Record) -> Record {
         poles: 0,
         most_poles: 0,
         creeping: false,
-        filtered: false,
+        rate: false,
+        filter: Filter::None,
         lean: None,
     }
 }

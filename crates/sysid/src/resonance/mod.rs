@@ -26,7 +26,7 @@ pub use record::Record;
 
 use self::alike::Sides;
 use self::delay::{delay_spread, vague};
-use self::record::ASIDE;
+use self::record::{ASIDE, Filter};
 use self::search::{Found, pruned, search, squares, without_idle_modes, without_idle_poles};
 use super::{Known, Parameter, Unknown};
 use nalgebra::Complex;
@@ -300,28 +300,39 @@ fn with_points_apart(record: &Record) -> Result<Identified, Unknown> {
 /// before the modes turns them too, by some thousandths. So both are kinds of models beside sums of proportional damping and of another one, and
 /// the Bayesian information criterion says how likely each is.
 fn models(record: &Record) -> Result<Vec<Model>, Unknown> {
-    let kind = |skewed: bool, filtered: bool| {
+    let kind = |skewed: bool, rate: bool, filter: Filter| {
         let kind = Record {
             skewed,
-            filtered,
+            rate,
+            filter,
             ..record.clone()
         };
         settled(&kind, &search(&kind))
     };
-    let plain = kind(false, false);
+    let plain = kind(false, false, Filter::None);
     let why = plain.as_ref().err().cloned();
-    let mut found: Vec<Model> = [plain, kind(true, false), kind(false, true)]
+    let skewed = kind(true, false, Filter::None);
+    // Of a velocity each mode's part goes with the frequency, and nothing else has that.
+    let rate = match (&plain, &skewed) {
+        (Ok(plain), Ok(skewed)) => turned_more(plain, skewed),
+        (_, skewed) => skewed.is_ok(),
+    };
+    let rates = [Filter::None, Filter::Pole].into_iter().filter(|_| rate);
+    let mut found: Vec<Model> = [plain, skewed, kind(false, false, Filter::Pole)]
         .into_iter()
+        .chain(rates.map(|filter| kind(false, true, filter)))
         .flatten()
         .collect();
+    let two: Vec<Model> = found.iter().filter_map(Model::behind_two).collect();
+    found.extend(two);
     let before: Vec<Model> = found.iter().filter_map(Model::creeping).collect();
     found.extend(before);
     let within = |m: &Model| {
         let all = record.frequency[0]..search::FARTHEST * record.highest();
-        !m.record.filtered
+        m.record.filter == Filter::None
             || m.record
-                .filter(&m.coded)
-                .is_some_and(|pole| all.contains(&pole))
+                .corner(&m.coded)
+                .is_some_and(|corner| all.contains(&corner))
     };
     found.retain(within);
     let left = |m: &Model| m.record.residuals(&m.coded);
@@ -347,6 +358,13 @@ fn models(record: &Record) -> Result<Vec<Model>, Unknown> {
     Ok(found)
 }
 
+/// Whether the second of two models is the one that the Bayesian information criterion asks for.
+fn turned_more(one: &Model, other: &Model) -> bool {
+    let points = search::own_points(&other.record.residuals(&other.coded));
+    let [one, other] = [one, other].map(|m| search::criterion(&m.record, &m.coded, points));
+    other < one
+}
+
 /// A model so much less likely than another is excluded.
 const EXCLUDED: f64 = 0.01;
 
@@ -368,6 +386,21 @@ impl Model {
         pairs
             .into_iter()
             .all(|pair| search::is_mode(&self.record, pair))
+    }
+
+    /// The same behind Butterworth's filter of two poles; where modes need not be of proportional damping those take what it does.
+    fn behind_two(&self) -> Option<Self> {
+        if self.record.skewed {
+            return None;
+        }
+        let (record, start) = delay::behind_two(&self.record, &self.coded);
+        let (coded, _) = minimise(|c| record.residuals(c), &start)?;
+        let coded = search::without_idle_modes(&record, coded);
+        Some(Self {
+            record,
+            coded,
+            ..*self
+        })
     }
 
     /// The same with its slowest real pole before the modes.

@@ -4,7 +4,7 @@ use super::{POLES, Unknown};
 use crate::timeline::counted;
 use nalgebra::{Complex, DMatrix};
 use pigtail_numerics::signal::quantile;
-use std::f64::consts::TAU;
+use std::f64::consts::{SQRT_2, TAU};
 
 /// Fewest points.
 const LEAST: usize = 20;
@@ -20,6 +20,17 @@ const MOST_APART: f64 = 0.05;
 
 /// Points are set aside where this share of the error is left at most.
 pub(super) const ASIDE: f64 = 0.5;
+
+/// A filter behind all of a response.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) enum Filter {
+    #[default]
+    None,
+    /// One real pole: a sensor, an amplifier.
+    Pole,
+    /// Butterworth's of two: what keeps a converter from folding.
+    Two,
+}
 
 /// A frequency response.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -40,9 +51,11 @@ pub struct Record {
     /// Whether creep comes before the modes instead of beside them. Its share and the logarithm of its pole stand behind the real poles in
     /// what is searched.
     pub(super) creeping: bool,
-    /// Whether all of it went through a filter of one pole, whose number stands last in what is searched: how many times the highest
-    /// frequency lies above the pole.
-    pub(super) filtered: bool,
+    /// Whether it is a velocity's response, that of a place times its frequency.
+    pub(super) rate: bool,
+    /// The filter that all of it went through, whose number stands last in what is searched: how many times the highest frequency lies
+    /// above its corner.
+    pub(super) filter: Filter,
     /// How much counts what is left along each point's response and across it; real and imaginary parts, alike, if none.
     pub(super) lean: Option<[f64; 2]>,
 }
@@ -151,7 +164,8 @@ impl Record {
             poles: 0,
             most_poles: POLES,
             creeping: false,
-            filtered: false,
+            rate: false,
+            filter: Filter::None,
             lean: None,
         })
     }
@@ -211,7 +225,8 @@ impl Record {
             poles: self.poles,
             most_poles: self.most_poles,
             creeping: self.creeping,
-            filtered: self.filtered,
+            rate: self.rate,
+            filter: self.filter,
             lean: self.lean,
         }
     }
@@ -255,7 +270,7 @@ impl Record {
 
     /// How many numbers of what is searched, its last ones, are of what comes before or behind all else.
     pub(super) fn factors(&self) -> usize {
-        2 * usize::from(self.creeping) + usize::from(self.filtered)
+        2 * usize::from(self.creeping) + usize::from(self.filter != Filter::None)
     }
 
     /// Real poles, Hz: those beside the modes, creep before them, a filter behind.
@@ -266,7 +281,7 @@ impl Record {
             .iter()
             .map(|c| c.exp() / TAU)
             .chain(creep)
-            .chain(self.filter(coded))
+            .chain(self.corner(coded).filter(|_| self.filter == Filter::Pole))
             .collect()
     }
 
@@ -282,9 +297,9 @@ impl Record {
         each * self.modes(coded) + 3 + self.poles
     }
 
-    /// Where the filter's pole lies by what is searched, Hz.
-    pub(super) fn filter(&self, coded: &[f64]) -> Option<f64> {
-        let above = coded.last().filter(|_| self.filtered)?;
+    /// Where the filter's corner lies by what is searched, Hz.
+    pub(super) fn corner(&self, coded: &[f64]) -> Option<f64> {
+        let above = coded.last().filter(|_| self.filter != Filter::None)?;
         Some(self.highest() / above)
     }
 
@@ -313,11 +328,7 @@ impl Record {
             .collect();
         let poles = &coded[2 * modes + 1..];
         let poles: Vec<f64> = poles[..self.poles].iter().map(|p| p.exp()).collect();
-        let above = if self.filtered {
-            coded[coded.len() - 1]
-        } else {
-            0.0
-        };
+        let above = coded[coded.len() - 1];
         let creep = self.creep(coded);
         for i in 0..n {
             let w = TAU * self.frequency[i];
@@ -325,8 +336,14 @@ impl Record {
             if let Some((share, pole)) = creep {
                 turn *= 1.0 + share / Complex::new(1.0, w / pole);
             }
-            if self.filtered {
-                turn /= Complex::new(1.0, above * w / top);
+            let over = above * w / top;
+            match self.filter {
+                Filter::None => {}
+                Filter::Pole => turn /= Complex::new(1.0, over),
+                Filter::Two => turn /= Complex::new(1.0 - over * over, SQRT_2 * over),
+            }
+            if self.rate {
+                turn *= Complex::new(0.0, w / top);
             }
             let mut set = |j: usize, value: Complex<f64>| {
                 let value = self.leaning(i, turn * value);

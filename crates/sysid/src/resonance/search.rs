@@ -1,5 +1,6 @@
 //! The search for a response's modes, real poles and delay, and what of it is kept.
 
+use super::record::Filter;
 use super::{ENOUGH, MODES, Record, WORTH};
 use pigtail_numerics::nonlinear::minimise;
 use pigtail_numerics::signal::independent;
@@ -109,7 +110,10 @@ pub(super) fn search(record: &Record) -> Found {
     let slope = record.delay();
     let every = record.frequency.len().div_ceil(2 * ENOUGH);
     let even = record.points(0, 2 * every);
-    let filter: &[f64] = if record.filtered { &[BEGUN] } else { &[] };
+    let filter: &[f64] = match record.filter {
+        Filter::None => &[],
+        _ => &[BEGUN],
+    };
     let mut delays: Vec<Vec<f64>> = Vec::new();
     for share in [0.0, 0.15, 0.3, 0.5, 0.75, 1.0] {
         let start = share * slope;

@@ -1,7 +1,8 @@
 //! What a record of a transmission cannot tell.
 
+use super::role::WORTH;
 use super::signals::Signals;
-use super::{LEAST, Record, TORQUE};
+use super::{LEAST, LOAD, MOTOR, Record, TORQUE};
 use crate::Unknown;
 use crate::timeline::{Clock, Even, counted};
 use pigtail_numerics::regression::{least_squares, matrix, tolerance};
@@ -131,6 +132,63 @@ pub(super) fn cut_off(record: &Record) -> Result<(), Unknown> {
         }
     }
     Ok(())
+}
+
+/// That positions were written whenever they were read: one that is written only where it has changed by some amount lags its motion by as
+/// much, to and fro, as a transmission does that winds up.
+pub(super) fn written_throughout(record: &Record, raw: f64) -> Result<(), Unknown> {
+    for (column, name) in [(MOTOR, "motor"), (LOAD, "load")] {
+        let stretches = record.even.stretches.iter();
+        let least = stretches
+            .filter_map(|s| least_change(&s.columns[column]))
+            .fold(0.0, f64::max);
+        if least > WORTH * raw {
+            return Err(Unknown::all(format!(
+                "the {name}'s position was written only where it had changed by {least:.2e}, {:.0} % of the windup, as by a logger's \
+                 deadband: it lags by as much, to and fro, as a windup does",
+                100.0 * least / raw
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// The least change at which a column was written, where it was written at changes only: on its way it stands for now more and now
+/// fewer samples, and what it goes on by then is that change at least, and less than twice as much. The steps of a coarse sensor are whole
+/// numbers of one, and of a column that was held for a while some are as small as any.
+fn least_change(column: &[f64]) -> Option<f64> {
+    /// Fewest steps behind a standstill, and lengths of standstills.
+    const STEPS: usize = 20;
+    const LENGTHS: usize = 3;
+    /// Largest such step, as a multiple of the least change, but for one in twenty; and share of steps beyond which they are whole
+    /// numbers, so near.
+    const MOST: f64 = 2.1;
+    const WHOLE: f64 = 0.7;
+    const NEAR: f64 = 0.05;
+    let (mut behind, mut lengths, mut all) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut way, mut stood) = (0.0, 0_usize);
+    for step in column.windows(2).map(|w| w[1] - w[0]) {
+        if step == 0.0 {
+            stood += 1;
+            continue;
+        }
+        if stood > 0 && way == step.signum() {
+            behind.push(step.abs());
+            lengths.push(stood);
+        }
+        all.push(step.abs());
+        (way, stood) = (step.signum(), 0);
+    }
+    lengths.sort_unstable();
+    lengths.dedup();
+    if behind.len() < STEPS || lengths.len() < LENGTHS {
+        return None;
+    }
+    // A sample that was set aside and bridged makes smaller ones.
+    let least = quantile(&all, 0.02);
+    let whole = |s: &&f64| (*s / least - (*s / least).round()).abs() < NEAR;
+    let coarse = behind.iter().filter(whole).count() as f64 > WHOLE * behind.len() as f64;
+    (!coarse && quantile(&behind, 0.95) < MOST * least).then_some(least)
 }
 
 /// What the motion does not excite.

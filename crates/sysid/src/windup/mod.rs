@@ -20,7 +20,7 @@ mod smoothed;
 mod ways;
 
 use alike::{agreed, changing, of_one_moment, unsure};
-use check::{check, excitation};
+use check::{check, excitation, written_throughout};
 use role::{ahead, commanded, either, idle, lags, passive, turned_unseen};
 use signals::Signals;
 use smoothed::smoothed;
@@ -219,6 +219,7 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
     let n = plain.time.len();
     let mean = plain.windup.iter().sum::<f64>() / n as f64;
     let raw = rms(plain.windup.iter().map(|w| w - mean));
+    written_throughout(record, raw)?;
     let mut unknown = excitation(&plain);
     let blind = unknown.iter().any(|u| u.covers("time_skew"));
 

@@ -8,7 +8,7 @@ use pigtail_numerics::regression::{least_squares, matrix};
 use pigtail_numerics::signal::{quantile, rms};
 
 /// A part of the windup is worth speaking of from this share of it.
-const WORTH: f64 = 0.03;
+pub(super) const WORTH: f64 = 0.03;
 
 /// So many deviations show a torque's sign.
 const SURE: f64 = 5.0;
