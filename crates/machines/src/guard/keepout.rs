@@ -7,8 +7,10 @@
     reason = "what is not inlined does not get the instructions of its caller"
 )]
 
+mod crossed;
 mod seen;
 
+use crossed::Crossed;
 pub(super) use seen::Surprise;
 
 use super::Geometry;
@@ -126,35 +128,6 @@ pub(super) struct Way {
     pub(super) along: f64,
     /// Along, within [`AT_ONCE`] cycles.
     at_once: f64,
-}
-
-/// Where something was in x of late, metres: in each of so many cycles, over and over.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Crossed {
-    x: [f64; 2 * WHILE],
-    at: usize,
-}
-
-impl Crossed {
-    /// It has stood there.
-    fn at(x: f64) -> Self {
-        Self {
-            x: [x; 2 * WHILE],
-            at: 0,
-        }
-    }
-
-    #[inline(always)]
-    fn note(&mut self, x: f64) {
-        self.at = (self.at + 1) % self.x.len();
-        self.x[self.at] = x;
-    }
-
-    /// Where it was so many cycles ago, [`WHILE`] at most.
-    #[inline(always)]
-    fn before(&self, cycles: usize) -> f64 {
-        self.x[(self.at + self.x.len() - cycles) % self.x.len()]
-    }
 }
 
 /// What piezos may have kept to themselves of the way between two stands, metres: nothing sees where they are.

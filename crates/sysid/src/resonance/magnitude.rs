@@ -11,7 +11,8 @@
 //! looked for in it, and settle on the logarithm of the magnitude, in which that phase has no part.
 
 use super::record::Filter;
-use super::{Identified, Record, modes_of, peaks, pruned, search, stated_modes};
+use super::search::{pruned, search};
+use super::{Identified, Record, modes_of, peaks, stated_modes};
 use crate::{Parameter, Unknown};
 use nalgebra::{Complex, DVector};
 use pigtail_numerics::line::Line;
