@@ -3,6 +3,7 @@
 use super::{ConicalScan, Gap};
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::{LONGEST, Reactor};
+use crate::tuning::TUNING;
 use pigtail_hal::bench::{Event, Group, Law, Ticket};
 
 /// A group on its way to the chip, and what the light has to be meanwhile.
@@ -58,7 +59,7 @@ impl ConicalScan<'_> {
                 continue;
             }
             if by >= end {
-                return Ok(());
+                return self.arrive(bench, way, gap()).await;
             }
             next += self.period;
             // A peak that the group does not reach is lost too. What is as dim as noise leads nowhere.
@@ -87,5 +88,32 @@ impl ConicalScan<'_> {
             bench.played(way.group).await?;
             return Err(why.into());
         }
+    }
+    /// Whether the peak has come along to where the way ends. What a turn saw of it on the way may be no more than its rim, left behind by now:
+    /// where it does not stand out, turns have to find it here.
+    async fn arrive(
+        &mut self,
+        bench: &Reactor<'_>,
+        way: &Closing,
+        gap: f64,
+    ) -> Result<(), Halt> {
+        let accuracy = TUNING.circle.near * self.beam.width(gap);
+        let peak = match self.clear_peak() {
+            Some(peak) => self.go_to(bench, &peak, gap).map(|_| peak)?,
+            None => match self.centre(bench, gap, accuracy, "approach", 1).await {
+                // Too dim to be found so well, but there.
+                Err(Halt::Outcome(Outcome::Unsure { .. })) => return Ok(()),
+                peak => peak?,
+            },
+        };
+        if peak.full < way.least {
+            return Err(Outcome::LightLost {
+                phase: "approach",
+                level: peak.full,
+                expected: way.before,
+            }
+            .into());
+        }
+        Ok(())
     }
 }

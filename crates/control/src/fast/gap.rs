@@ -8,7 +8,7 @@ use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
 use crate::gap_by_light::{Contact, Known, Spread, Width, contact};
 use crate::job::Job;
-use crate::outcome::Halt;
+use crate::outcome::{Halt, Outcome};
 use crate::procedure::{outward, place_at};
 use crate::recipe::Recipe;
 use crate::rise::{Ripple, Seen};
@@ -588,23 +588,18 @@ async fn turn(
     Ok(())
 }
 
-/// Turns until the peak is in their middle.
+/// Turns until the peak is in their middle, or as many as there may be.
 async fn centred(
     cell: &AlignmentCell<'_>,
     aim: &Aim,
     scan: &mut ConicalScan<'_>,
 ) -> Result<(), Halt> {
     let gap = aim.gap(cell);
-    for _ in 0..TUNING.gap.centring {
-        scan.turn(cell, gap).await?;
-        let Some(peak) = scan.peak() else {
-            break;
-        };
-        if scan.go_to(cell, &peak, gap)? < TUNING.gap.centred * scan.beam_width(gap) {
-            break;
-        }
+    let accuracy = TUNING.gap.centred * scan.beam_width(gap);
+    match scan.centre(cell, gap, accuracy, "approach", 1).await {
+        Err(Halt::Outcome(Outcome::Unsure { .. })) => Ok(()),
+        found => found.map(|_| ()),
     }
-    Ok(())
 }
 
 /// Looks how wide the spot is here, until its square is known to a share of it.

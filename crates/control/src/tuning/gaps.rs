@@ -35,8 +35,6 @@ topic! {
         /// How near the peak the middle of the circles is to be: the light leaves at an angle, so that on one side of the peak the
         /// gap is longer. Half a width beside it, that makes the spot wider or narrower by 1 to 5 % (squared).
         centred: f64 = 0.05, "widths", Choice;
-        /// After so many at most.
-        centring: u32 = 6, "turns", Choice;
         /// Standard deviations by which light and vision may differ beside vision's bound.
         far_off: f64 = 4.0, "sigma", Choice;
         /// A way at speed ends before the chip by no less than this: on one of 60 machines of `workshop` that were commissioned an
