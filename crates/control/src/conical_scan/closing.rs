@@ -91,12 +91,7 @@ impl ConicalScan<'_> {
     }
     /// Whether the peak has come along to where the way ends. What a turn saw of it on the way may be no more than its rim, left behind by now:
     /// where it does not stand out, turns have to find it here.
-    async fn arrive(
-        &mut self,
-        bench: &Reactor<'_>,
-        way: &Closing,
-        gap: f64,
-    ) -> Result<(), Halt> {
+    async fn arrive(&mut self, bench: &Reactor<'_>, way: &Closing, gap: f64) -> Result<(), Halt> {
         let accuracy = TUNING.circle.near * self.beam.width(gap);
         let peak = match self.clear_peak() {
             Some(peak) => self.go_to(bench, &peak, gap).map(|_| peak)?,
@@ -115,5 +110,229 @@ impl ConicalScan<'_> {
             .into());
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::beam::Beam;
+    use crate::conical_scan::{Gap, Watch};
+    use crate::reactor::{Watched, refused};
+    use crate::recipe::{ConicalScan as Shape, Mode};
+    use crate::station::{Observer, Unobserved};
+    use pigtail_hal::Fault;
+    use pigtail_hal::bench::{
+        AxisCaps, Bench, Caps, ChannelCaps, Dither, Estimate, GroupCaps, Light, Limits, Meter,
+        Pose, Refused, Request, Stage,
+    };
+    use pigtail_model::frames::Displacement;
+    use std::f64::consts::TAU;
+
+    const FINE: Group = Group(0);
+    const COARSE: Group = Group(1);
+    const RATE: f64 = 200.0;
+
+    /// A fine group that goes exactly where it is told on a coarse one that goes along z at a speed, metres a second.
+    struct Stages {
+        caps: Caps,
+        now: f64,
+        sample: f64,
+        circle: Option<(Ticket, Dither)>,
+        line: Option<(Ticket, f64)>,
+        z: f64,
+        speed: f64,
+        /// From where on there is no light any more, metres.
+        dark: f64,
+        tickets: u64,
+        unobserved: Unobserved,
+    }
+
+    impl Stages {
+        fn new(speed: f64, dark: f64) -> Self {
+            let axis = AxisCaps {
+                range: (-50e-6, 50e-6),
+                resolution: 0.0,
+                repeatability: 0.0,
+                backlash: 0.0,
+                speed: 1.0,
+            };
+            let group = |name: &str, stage| GroupCaps {
+                name: name.to_owned(),
+                arm: 0,
+                stage,
+                axes: [Some(axis), Some(axis), Some(axis), None, None, None],
+                settling: 0.0,
+                bandwidth: 20.0,
+                lag: (0.0, 0.0),
+                bends: true,
+            };
+            let caps = Caps {
+                name: "stages".to_owned(),
+                arms: vec!["left".to_owned()],
+                groups: vec![group("fine", Stage::Fine), group("coarse", Stage::Coarse)],
+                channels: vec![ChannelCaps {
+                    name: "light".to_owned(),
+                    rate: RATE,
+                    resolution: 0.0,
+                    full_scale: 10.0,
+                }],
+                least_power: 100,
+                bond: 0.0,
+                cycle: 0.0,
+            };
+            Self {
+                caps,
+                now: 0.0,
+                sample: 0.0,
+                circle: None,
+                line: None,
+                z: 0.0,
+                speed,
+                dark,
+                tickets: 0,
+                unobserved: Unobserved,
+            }
+        }
+
+        fn fine(&self) -> Pose {
+            let Some((_, circle)) = &self.circle else {
+                return Pose::ZERO;
+            };
+            let (sin, cos) = (TAU * circle.rate * self.now).sin_cos();
+            let [x, y] = circle.centre.to;
+            let radius = circle.radius.to;
+            Pose::at(x + radius * cos, y + radius * sin, 0.0)
+        }
+
+        /// A Gaussian peak that does not walk.
+        fn light(&self) -> f64 {
+            if self.z >= self.dark {
+                return 0.0;
+            }
+            let (at, mode) = (self.fine(), Mode::default().radius);
+            (-(at.x().hypot(at.y()) / mode).powi(2)).exp()
+        }
+    }
+
+    impl Watched for Stages {
+        fn observer(&mut self) -> &mut dyn Observer {
+            &mut self.unobserved
+        }
+    }
+
+    impl Bench for Stages {
+        fn caps(&self) -> &Caps {
+            &self.caps
+        }
+        fn now(&self) -> f64 {
+            self.now
+        }
+        fn play(&mut self, _: Group, law: Law) -> Result<Ticket, Refused> {
+            self.tickets += 1;
+            let ticket = Ticket(self.tickets);
+            match law {
+                Law::Line { to, .. } => self.line = Some((ticket, to.z())),
+                Law::Dither(circle) => self.circle = Some((ticket, circle)),
+                _ => self.line = Some((ticket, self.z)),
+            }
+            Ok(ticket)
+        }
+        fn bend(&mut self, ticket: Ticket, law: Law) -> Result<f64, Refused> {
+            match (&mut self.circle, law) {
+                (Some((played, circle)), Law::Dither(to)) if *played == ticket => *circle = to,
+                _ => return Err(Refused::Ticket(ticket.0)),
+            }
+            Ok(self.now)
+        }
+        fn request(&mut self, _: Request) -> Result<Ticket, Refused> {
+            Err(Refused::State("nothing".to_owned()))
+        }
+        fn next(&mut self, by: f64) -> Result<Event, Fault> {
+            let end = self.line.map_or(f64::INFINITY, |(_, to)| {
+                self.now + (to - self.z).max(0.0) / self.speed
+            });
+            let then = by.min(self.sample).min(end);
+            if self.line.is_some() {
+                self.z += self.speed * (then - self.now);
+            }
+            self.now = then;
+            if then == end {
+                let (ticket, _) = self.line.take().expect("a line that ends");
+                return Ok(Event::Done(ticket));
+            }
+            if then == self.sample {
+                self.sample += RATE.recip();
+                let (time, volts) = (then, vec![self.light()]);
+                return Ok(Event::Light(Light { time, volts }));
+            }
+            Ok(Event::Time)
+        }
+        fn pose(&self, group: Group, _: f64) -> Option<Estimate> {
+            let pose = if group == FINE {
+                self.fine()
+            } else {
+                Pose::at(0.0, 0.0, self.z)
+            };
+            Some(Estimate {
+                pose,
+                measured: true,
+            })
+        }
+        fn stop(&mut self) {}
+    }
+
+    /// What a way of 30 um to a gap of 10 um comes to, on which there is light up to a place.
+    fn way(dark: f64) -> Result<(), Halt> {
+        const GAP: f64 = 40e-6;
+        const WAY: f64 = 30e-6;
+        let mut stages = Stages::new(3e-4, dark);
+        let bench = Reactor::new(&mut stages);
+        let shape = Shape::default();
+        let watch = Watch {
+            group: FINE,
+            meter: Meter(0),
+            background: 0.0,
+            noise: 1e-3,
+            still: 1e-3,
+            still_degrees: 100.0,
+        };
+        let (beam, walk) = (Beam::new(&Mode::default(), 0.0), Displacement::ZERO);
+        let from = (Displacement::new(1e-6, 0.0), GAP);
+        let mut scan = ConicalScan::new(watch, beam, &shape, &bench, from, walk, None);
+        let led = Gap::Led {
+            by: COARSE,
+            contact: GAP,
+        };
+        let close = async {
+            let to = Pose::at(0.0, 0.0, WAY);
+            let limits = Limits::default();
+            bench
+                .play(COARSE, Law::Line { to, limits })
+                .map_err(|why| refused(&why))?;
+            let way = Closing {
+                group: COARSE,
+                rests: None,
+                turns: 1,
+                before: 1.0,
+                least: 0.5,
+                stray: 20e-6,
+            };
+            scan.close(&bench, &way, || led, || GAP - WAY).await
+        };
+        bench.run(close)
+    }
+
+    #[test]
+    fn a_way_ends_where_its_light_is_and_nowhere_else() {
+        assert!(way(1.0).is_ok());
+        // On the way, and just before its end: what the last turn saw of it was farther back.
+        for dark in [10e-6, 25e-6, 29.9e-6] {
+            let lost = way(dark);
+            assert!(
+                matches!(lost, Err(Halt::Outcome(Outcome::LightLost { .. }))),
+                "{dark} {lost:?}"
+            );
+        }
     }
 }

@@ -17,6 +17,7 @@ use pigtail_hal::Side;
 use pigtail_hal::spec::Channel;
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
 use std::cell::Cell;
+use std::collections::VecDeque;
 use std::f64::consts::TAU;
 use std::pin::Pin;
 
@@ -365,7 +366,8 @@ impl Shared<'_> {
                 && top.is_below(&seen, dark.sigma)
             {
                 cell.brake(aim.side)?;
-                return Ok(cell.stands(aim.side).await?);
+                cell.stands(aim.side).await?;
+                break;
             }
             let Some(volts) = seen_now else {
                 continue;
@@ -391,6 +393,7 @@ impl Shared<'_> {
                 Some(top) => top.rise(&seen),
             }
         }
+        self.top = top;
         if top.is_some() {
             return Ok(());
         }
@@ -405,6 +408,38 @@ impl Shared<'_> {
             threshold: dark.mean + self.fast.significance * dark.sigma,
         })
         .into())
+    }
+
+    /// Takes the sensing fiber down until it sees scattered light, and says how much lower it is to stand yet: a transmission that lets out what it
+    /// hid when the fiber stops has it higher over the chip's top than its encoders know, where it sees less of a guide's light.
+    pub(super) async fn down_to_the_top(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
+        let Some(top) = self.top else {
+            return Ok(());
+        };
+        let (side, channel) = (Side::Right, Channel::Sensing);
+        let core = 0.5 * cell.spec().sensing_fiber.core;
+        let dark = self.dark[channel.index()].level;
+        let together = TUNING.search.centring_window;
+        let least = self.fast.significance * dark.sigma / (together as f64).sqrt();
+        let wanted = self.fast.sensing.height;
+        let lowest = cell.wanted(side).shifted(0.0, -wanted - core, 0.0);
+        cell.start_line(side, lowest, Some(TUNING.dark.down))?;
+        let mut seen = VecDeque::with_capacity(together + 1);
+        while cell.is_moving(side) {
+            let volts = cell.next_light(channel.index()).await?;
+            seen.push_back(volts - dark.mean);
+            if seen.len() > together {
+                seen.pop_front();
+                if seen.iter().sum::<f64>() > together as f64 * least {
+                    cell.brake(side)?;
+                    break;
+                }
+            }
+        }
+        cell.stands(side).await?;
+        let level = cell.level(channel, TUNING.search.contrast).await?.mean - dark.mean;
+        self.too_high = top.height_of(level.max(least), core) - wanted;
+        Ok(())
     }
 
     /// Takes the next output fiber from the tray and brings it to the start of its search.

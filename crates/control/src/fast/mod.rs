@@ -45,7 +45,7 @@ use pigtail_hal::spec::{CHANNELS, Channel};
 use pigtail_model::frames::{Displacement, Macro, Point};
 use ratio::Ratios;
 pub use ratio::{Ratio, measure_ratios};
-use seen::DarkLevel;
+use seen::{DarkLevel, Top};
 pub use single::{Aligner, Way};
 
 /// A pass of a search for one fiber.
@@ -85,6 +85,9 @@ struct Shared<'r> {
     fluctuation: f64,
     /// How far the micros go in y for a displacement in x, where that is to be measured on the way.
     ratios: Option<Ratios>,
+    /// The chip's top as the sensing fiber saw it, and how much too high over it that stands, metres.
+    top: Option<Top>,
+    too_high: f64,
     /// The laser's power, percent.
     power: u8,
     /// When that was lowered, seconds: photodiodes remember what it was before.
@@ -105,6 +108,8 @@ impl<'r> Shared<'r> {
             fast: &recipe.fast,
             dark: [DarkLevel::default(); CHANNELS],
             fluctuation: 0.0,
+            top: None,
+            too_high: 0.0,
             ratios: None,
             power: 100,
             dimmed_at: f64::NEG_INFINITY,
@@ -154,9 +159,12 @@ impl<'r> Shared<'r> {
         };
         let passes = passes.iter().filter(|pass| seen || pass.sensing == 0.0);
         for (attempt, pass) in passes.enumerate() {
+            if seen && attempt == 1 {
+                self.down_to_the_top(cell).await?;
+            }
             if seen {
                 let aside = pass.sensing * fast.sensing.sidestep;
-                cell.glide_micro(Side::Right, Displacement::new(aside, 0.0))?;
+                cell.glide_micro(Side::Right, Displacement::new(aside, -self.too_high))?;
             }
             let look = self.look(pass, gap, spacing, attempt > 0);
             let result = match waiting.take() {

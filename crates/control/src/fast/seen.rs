@@ -6,6 +6,7 @@ use crate::station::Level;
 use crate::tuning::TUNING;
 use pigtail_hal::bench::Event;
 use pigtail_hal::spec::{CHANNELS, Channel};
+use pigtail_model::optics::disc_below_edge;
 use pigtail_numerics::line::Line;
 
 /// The photodiodes in the dark.
@@ -122,6 +123,23 @@ impl Top {
         }
     }
 
+    /// How far above it the middle of a core of a radius stands that sees light of a level, volts, metres. Fluctuations are a share of the light, and where
+    /// there is hardly any they shift what is seen of the edge by little.
+    pub(super) fn height_of(&self, level: f64, core: f64) -> f64 {
+        /// To a thousandth of the radius.
+        const STEPS: u32 = 10;
+        let (mut low, mut high) = (-core, core);
+        for _ in 0..STEPS {
+            let middle = 0.5 * (low + high);
+            if disc_below_edge(middle, core) * self.full > level {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        low
+    }
+
     /// Whether light is as good as none by now, for samples of which the noise has so large a standard deviation, volts.
     pub(super) fn is_below(&self, seen: &[(f64, f64)], sigma: f64) -> bool {
         let noise = TUNING.dark.noise * sigma / (TUNING.dark.together as f64).sqrt();
@@ -183,6 +201,23 @@ mod tests {
         let before = top.y;
         top.rise(&rise[..=n]);
         assert_eq!(top.y, before);
+    }
+
+    #[test]
+    fn little_light_tells_how_high_a_core_stands() {
+        let core = 50e-6;
+        let rise = rise(core);
+        let n = (1..=rise.len())
+            .find(|n| top_below(&rise[..*n], core).is_some())
+            .expect("an edge");
+        let top = top_below(&rise[..n], core).expect("the same");
+        for (y, light) in &rise[32..49] {
+            assert!((top.height_of(*light, core) - y).abs() < 0.2e-6, "{y}");
+        }
+        // A fluctuation by a factor of two is some micrometres there.
+        let (y, light) = rise[48];
+        assert!((top.height_of(2.0 * light, core) - y).abs() < 8e-6);
+        assert!((top.height_of(0.5 * light, core) - y).abs() < 8e-6);
     }
 
     #[test]

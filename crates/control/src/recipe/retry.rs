@@ -83,7 +83,7 @@ impl Default for Pass {
 }
 
 /// What the first pass has missed is most likely at the edges of what vision can say, or too dim there: beside the sensing fiber, or
-/// between two lines; or farther up or down than was believed, which no camera sees, or aside, where it is wrong. After the last one the thesis's procedure has its turn.
+/// between two lines; or farther up or down than was believed, which no camera sees, or aside, where it is wrong; or more than one of these. After the last one the thesis's procedure has its turn.
 impl Default for Retry {
     fn default() -> Self {
         let edge = |aside| Pass {
@@ -102,6 +102,11 @@ impl Default for Retry {
             sensing,
             ..WHOLE
         };
+        let tall_and_slow = |aside, sensing| Pass {
+            aside,
+            height: 2.5,
+            ..slow(8.0, sensing)
+        };
         Self {
             passes: vec![
                 WHOLE,
@@ -114,6 +119,11 @@ impl Default for Retry {
                 tall(-0.8),
                 slow(8.0, 1.0),
                 slow(8.0, -1.0),
+                tall_and_slow(0.0, 0.0),
+                tall_and_slow(0.0, 1.0),
+                tall_and_slow(0.0, -1.0),
+                tall_and_slow(0.6, 0.0),
+                tall_and_slow(-0.6, 0.0),
             ],
             dismissed: 5,
             centre: 2,

@@ -106,6 +106,8 @@ topic! {
         bright: f64 = 0.7, "1", Choice;
         /// To this share.
         dimmed: f64 = 0.5, "1", Choice;
+        /// How fast a sensing fiber goes down to look for the chip's top: so slowly that its light does not lag behind.
+        down: f64 = 200e-6, "m/s", Choice;
         /// Longest wait for vision to see a tip well.
         patience: f64 = 1.0, "s", Choice;
     }
