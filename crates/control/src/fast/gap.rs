@@ -119,7 +119,7 @@ impl Shared<'_> {
         let measured = cell.measured_spread(aim.side);
         let mut spread = measured.filter(|_| !scan.is_slower()).unwrap_or(design);
         let quick = if spread.is_known() { &QUICK[..] } else { &[] };
-        let (mut widths, mut latest) = (Vec::new(), None);
+        let (mut widths, mut latest, mut farther) = (Vec::new(), None, 0.0);
         for looks in quick.iter().chain(&WHOLE) {
             let one = looks.wider.len() == 1;
             let (before_it, mut stays) = (widths.len(), true);
@@ -168,9 +168,9 @@ impl Shared<'_> {
             if looks.wider.len() > 1 && !scan.is_slower() {
                 job.spread = contact.map(|contact| contact.spread).or(job.spread);
             }
-            let stopped = |aside: f64| self.would_be_stopped(cell, aim, contact, aside);
+            let held_off = |aside: f64| self.held_off(cell, aim, contact, aside);
             let mut aside = holder() - from;
-            if stopped(aside) && !stopped(0.0) {
+            if held_off(aside) > 0.0 && held_off(0.0) == 0.0 {
                 // Aside as far as it is, but not so near.
                 self.approach(cell, aim, scan, before, (afar + hides, 0))
                     .await?;
@@ -179,12 +179,14 @@ impl Shared<'_> {
                 self.come_to(cell, aim, scan, before, here).await?;
                 aside = holder() - from;
             }
-            if stopped(aside) || self.tell(cell, aim, contact, TUNING.gap.later) {
+            farther = held_off(aside);
+            let hopeless = farther > self.recipe.accept.gap;
+            if hopeless || self.tell(cell, aim, contact, (farther, TUNING.gap.later)) {
                 return Ok(());
             }
             latest = contact;
         }
-        self.tell(cell, aim, latest, 0.0);
+        self.tell(cell, aim, latest, (farther, 0.0));
         Ok(())
     }
 
@@ -212,22 +214,23 @@ impl Shared<'_> {
         lead(cell, aim, scan).await
     }
 
-    /// Whether vision is so wrong that by it the tip would be too near to the chip at the gap that is wanted: who guards the machine asks
-    /// vision alone, and would stop it. Where the macro has gone `aside` near the chip (towards the chip's x, metres), it has the facet stand out.
-    fn would_be_stopped(
+    /// How much farther than wanted a tip has to stay, metres, where vision is so wrong that by it the tip would be too near to the chip there: who guards the
+    /// machine asks vision alone, and would stop it. Where the macro has gone `aside` near the chip (towards the chip's x, metres), it has the facet
+    /// stand out.
+    fn held_off(
         &self,
         cell: &AlignmentCell<'_>,
         aim: &Aim,
         contact: Option<Contact>,
         aside: f64,
-    ) -> bool {
+    ) -> f64 {
         let Some(contact) = contact else {
-            return false;
+            return 0.0;
         };
         let stands_out = (aside * self.recipe.ports.slope()).max(0.0);
         let wanted = self.recipe.approach.gap;
         let by_vision = wanted + contact.at.min(0.0) - stands_out;
-        by_vision < least_gap(cell, aim, wanted)
+        (least_gap(cell, aim, wanted) - by_vision).max(0.0)
     }
 
     /// Whether a fiber would not be attached at this gap, for what is known of it.
@@ -295,20 +298,21 @@ impl Shared<'_> {
         Ok(())
     }
 
-    /// Believes where fiber and chip touch, if that is known well enough for a fiber to be attached so many seconds later: whether it is.
+    /// Believes where fiber and chip touch, if that is known well enough for a fiber to be attached so much farther away than wanted (metres), so many
+    /// seconds later: whether it is.
     fn tell(
         &self,
         cell: &AlignmentCell<'_>,
         aim: &Aim,
         contact: Option<Contact>,
-        later: f64,
+        (farther, later): (f64, f64),
     ) -> bool {
         let Some((seen, contact)) = cell.seen(aim.side, aim.tip).zip(contact) else {
             return false;
         };
         // The gap will be a little off, and vision is to follow what warms. What is known worse than a fiber needs it would only
         // lead it astray, and into the chip at last.
-        let off = 0.5 * self.fast.gap_tolerance;
+        let off = farther + 0.5 * self.fast.gap_tolerance;
         let warms = TUNING.vision.warms * later.sqrt();
         let sigma = contact.deviation.hypot(seen.sigma[1]).hypot(warms);
         if outside(self.recipe.accept.gap, off, 0.0, sigma) > TUNING.bond.unsure {
