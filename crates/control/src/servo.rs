@@ -3,6 +3,7 @@
 use crate::calibration::AxisGains;
 use crate::tuning::TUNING;
 use pigtail_hal::quantity::{Counts, Volts};
+use pigtail_model::each::held;
 
 /// A discrete PID with a clamped integral and a saturated output.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -164,14 +165,14 @@ impl Pid {
             state.watch_rest(counts, still, self.period);
         }
         if still < self.hold || counts.abs() > HELD {
-            state.integral = (state.integral + error * self.period)
-                .clamp(-self.integral_bound, self.integral_bound);
+            let integral = state.integral + error * self.period;
+            state.integral = held(integral, -self.integral_bound, self.integral_bound);
         }
         let rate = state.last.map_or(0.0, |last| (error - last) / self.period);
         state.last = Some(error);
         let voltage = self.kp * error + self.ki * state.integral + self.kd * rate;
         let voltage = state.share * voltage;
-        Volts(voltage.clamp(-self.voltage, self.voltage))
+        Volts(held(voltage, -self.voltage, self.voltage))
     }
 }
 

@@ -10,7 +10,7 @@ mod past;
 mod playing;
 mod volts;
 
-use self::arm::{Arm, Started};
+use self::arm::{Arm, Known, Started};
 use self::bench::Follows;
 pub use self::bench::{coarse, fine};
 use self::past::{Past, Stand};
@@ -369,11 +369,13 @@ impl<'a> Station<'a> {
     /// where it is wanted if they make no sense.
     pub fn endpoint(&self, side: Side) -> Point<Macro> {
         let arm = &self.arms[side.index()];
-        let encoders = &self.measurement.encoders[side.index()];
-        let outputs = arm.kinematics.outputs_of(encoders, &arm.windup);
-        let mut turning = arm.turning.get();
-        let endpoint = arm.kinematics.endpoint_from(&mut turning, outputs);
-        arm.turning.set(turning);
+        let now = (self.measurement.encoders[side.index()], arm.windup);
+        let endpoint = Known::or(&arm.endpoint, &arm.kinematics, now, |outputs| {
+            let mut turning = arm.turning.get();
+            let endpoint = arm.kinematics.endpoint_from(&mut turning, outputs);
+            arm.turning.set(turning);
+            endpoint
+        });
         endpoint.unwrap_or(arm.wanted)
     }
 

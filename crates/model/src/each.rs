@@ -8,6 +8,13 @@
 
 use std::ops::{Add, Div, Index, IndexMut, Mul, Neg, Sub};
 
+/// A number held between two others: what `f64::clamp` does, which asks each time whether there is anything between them.
+#[inline(always)]
+pub fn held(number: f64, low: f64, high: f64) -> f64 {
+    let number = if number < low { low } else { number };
+    if number > high { high } else { number }
+}
+
 /// `N` numbers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(align(32))]

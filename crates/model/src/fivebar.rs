@@ -9,10 +9,12 @@
 
 #![expect(
     clippy::inline_always,
-    reason = "what is not inlined does not get the instructions of its caller"
+    clippy::needless_bitwise_bool,
+    reason = "what is not inlined does not get the instructions of its caller, and a short cut is a branch"
 )]
 
 use crate::Invalid;
+use crate::each::Each;
 use crate::frames::Displacement;
 
 /// An output angle of a five-bar joint, radians from the x axis. Not to be mistaken for a motor
@@ -98,15 +100,132 @@ impl Turning {
     }
 }
 
-/// A leg of a five-bar to its endpoint.
+/// Five-bars side by side, whose joint angles change little from one call to the next.
+///
+/// ```
+/// # use pigtail_model::each::Each;
+/// # use pigtail_model::fivebar::{FiveBar, FiveBars, JointAngle};
+/// let five_bar = FiveBar::new(0.04, 0.045, 0.0725)?;
+/// let mut five_bars = FiveBars::new([five_bar; 2]);
+/// for k in 0..1000 {
+///     let (a, b) = (2.0 + 1e-3 * f64::from(k), 1.2 - 5e-4 * f64::from(k));
+///     let (x, y) = five_bars.forward([Each([a, 2.1]), Each([b, 1.1])]);
+///     for (k, angles) in [[a, b], [2.1, 1.1]].into_iter().enumerate() {
+///         let anew = five_bar.forward(angles.map(JointAngle))?;
+///         assert!((x[k] - anew.0).abs() < 1e-16 && (y[k] - anew.1).abs() < 1e-16);
+///     }
+/// }
+/// // Elbows that are too far apart.
+/// assert!(five_bars.forward([Each([3.1; 2]), Each([0.0; 2])]).0[0].is_nan());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FiveBars<const N: usize> {
+    base: Each<N>,
+    proximal: Each<N>,
+    /// Squares of the lengths of the distal links, square metres.
+    distal: Each<N>,
+    turning: [Turnings<N>; 2],
+}
+
+impl<const N: usize> FiveBars<N> {
+    /// These.
+    pub fn new(of: [FiveBar; N]) -> Self {
+        Self {
+            base: Each(of.map(|bar| bar.base)),
+            proximal: Each(of.map(|bar| bar.proximal)),
+            distal: Each(of.map(|bar| bar.distal * bar.distal)),
+            turning: [Turnings::default(); 2],
+        }
+    }
+
+    /// Endpoints x and y, metres, at these angles of the joints A and B, radians; no numbers where distal links cannot meet. As
+    /// [`FiveBar::forward_from`], all of them at once.
+    #[inline(always)]
+    pub fn forward(&mut self, [a, b]: [Each<N>; 2]) -> (Each<N>, Each<N>) {
+        let [of_a, of_b] = &mut self.turning;
+        let ((sin_a, cos_a), (sin_b, cos_b)) = (of_a.sin_cos(a), of_b.sin_cos(b));
+        let half = 0.5 * self.base;
+        let (ax, ay) = (self.proximal * cos_a - half, self.proximal * sin_a);
+        let (bx, by) = (self.proximal * cos_b + half, self.proximal * sin_b);
+        let (apart_x, apart_y) = (bx - ax, by - ay);
+        let square = apart_x * apart_x + apart_y * apart_y;
+        // Of what is below zero there is no root.
+        let scale = ((self.distal - 0.25 * square) / square).sqrt();
+        (
+            0.5 * (ax + bx) - scale * apart_y,
+            0.5 * (ay + by) + scale * apart_x,
+        )
+    }
+}
+
+/// The [`Turning`] of each of some angles.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Turnings<const N: usize> {
+    at: Each<N>,
+    sin: Each<N>,
+    cos: Each<N>,
+}
+
+impl<const N: usize> Default for Turnings<N> {
+    fn default() -> Self {
+        let Turning { at, sin, cos } = Turning::default();
+        Self {
+            at: Each([at; N]),
+            sin: Each([sin; N]),
+            cos: Each([cos; N]),
+        }
+    }
+}
+
+impl<const N: usize> Turnings<N> {
+    #[cold]
+    fn begin(&mut self, angles: &Each<N>) {
+        for k in 0..N {
+            let is_near = (angles[k] - self.at[k]).abs() <= Turning::NEAR;
+            if !is_near {
+                let mut turning = Turning::default();
+                turning.begin(angles[k]);
+                (self.at[k], self.sin[k], self.cos[k]) = (turning.at, turning.sin, turning.cos);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn sin_cos(&mut self, angles: Each<N>) -> (Each<N>, Each<N>) {
+        // What is no number is not near either.
+        let by = (angles - self.at).abs();
+        if !(0..N).fold(true, |all, k| all & (by[k] <= Turning::NEAR)) {
+            self.begin(&angles);
+        }
+        let by = angles - self.at;
+        let square = by * by;
+        let one = Each([1.0; N]);
+        let sin = by * (one - square * (Each([1.0 / 6.0; N]) - (1.0 / 120.0) * square));
+        // Less one.
+        let cos = -square * (0.5 * one - square * (Each([1.0 / 24.0; N]) - (1.0 / 720.0) * square));
+        (
+            self.sin + (self.sin * cos + self.cos * sin),
+            self.cos + (self.cos * cos - self.sin * sin),
+        )
+    }
+}
+
+/// The legs of a five-bar to its endpoint, of A and of B.
 #[derive(Debug, Clone, Copy)]
-struct Leg {
-    /// The direction of the proximal link, as long as `reach`.
-    along: Displacement,
-    /// From the base to the endpoint, metres.
-    reach: f64,
-    /// Where the proximal link ends, metres.
-    elbow: Displacement,
+struct Legs {
+    /// The directions of the proximal links, as long as `reach`.
+    along: (Each<2>, Each<2>),
+    /// From the bases to the endpoint, metres.
+    reach: Each<2>,
+}
+
+impl Legs {
+    /// The direction of a proximal link.
+    #[inline(always)]
+    fn along(&self, leg: usize) -> Displacement {
+        Displacement::new(self.along.0[leg], self.along.1[leg])
+    }
 }
 
 /// A five-bar mechanism.
@@ -190,8 +309,11 @@ impl FiveBar {
     /// When the point is out of reach, or the mechanism would be singular there or in another
     /// working mode.
     pub fn inverse(&self, x: f64, y: f64) -> Result<[JointAngle; 2], Unreachable> {
-        let [a, b] = self.legs(x, y)?;
-        Ok([a, b].map(|leg| JointAngle(leg.along.y.atan2(leg.along.x))))
+        let legs = self.legs(x, y)?;
+        Ok([0, 1].map(|leg| {
+            let along = legs.along(leg);
+            JointAngle(along.y.atan2(along.x))
+        }))
     }
 
     /// The same of points that move little from one call to the next.
@@ -220,54 +342,50 @@ impl FiveBar {
         x: f64,
         y: f64,
     ) -> Result<[JointAngle; 2], Unreachable> {
-        let [a, b] = self.legs(x, y)?;
+        let legs = self.legs(x, y)?;
         let [of_a, of_b] = turning;
-        let a = of_a.angle_of(a.along, a.reach);
-        Ok([JointAngle(a), JointAngle(of_b.angle_of(b.along, b.reach))])
+        let a = of_a.angle_of(legs.along(0), legs.reach[0]);
+        let b = of_b.angle_of(legs.along(1), legs.reach[1]);
+        Ok([JointAngle(a), JointAngle(b)])
     }
 
-    /// The legs to a point.
+    /// The legs to a point, both at once.
     #[inline(always)]
-    fn legs(&self, x: f64, y: f64) -> Result<[Leg; 2], Unreachable> {
+    fn legs(&self, x: f64, y: f64) -> Result<Legs, Unreachable> {
         // Beyond the x axis the same elbows belong to the mirrored working mode.
         if y <= 0.0 {
             return Err(Unreachable::OutOfReach { x, y });
         }
-        let legs = [self.leg(x, y, -1.0)?, self.leg(x, y, 1.0)?];
-        let [u, v] = legs.map(|leg| Displacement::new(x, y) - leg.elbow);
+        let (p, d) = (self.proximal, self.distal);
+        let outward = Each([-1.0, 1.0]);
+        let base = Each([self.base_x(-1.0), self.base_x(1.0)]);
+        let (x_of, y_of) = (Each([x; 2]), Each([y; 2]));
+        let dx = x_of - base;
+        let square = dx * dx + y_of * y_of;
+        let reach = square.sqrt();
+        let cosine = (square + Each([p * p; 2]) - Each([d * d; 2])) / (2.0 * reach * Each([p; 2]));
+        let sine = (Each([1.0; 2]) - cosine * cosine).sqrt();
+        for leg in 0..2 {
+            if cosine[leg].is_nan() || cosine[leg].abs() > 1.0 {
+                return Err(Unreachable::OutOfReach { x, y });
+            }
+            if sine[leg] < SINGULAR {
+                return Err(Unreachable::Singular { x, y });
+            }
+        }
+        // A proximal link's direction is the line to the endpoint turned outward.
+        let along = (
+            dx * cosine + outward * y_of * sine,
+            y_of * cosine + -outward * dx * sine,
+        );
+        let share = Each([p; 2]) / reach;
+        let (u, v) = (x_of - (along.0 * share + base), y_of - along.1 * share);
         // The endpoint lies above the line through the elbows exactly when the distal links
         // cross in this sense.
-        if u.cross(v) < SINGULAR * self.distal * self.distal {
+        if u[0] * v[1] - v[0] * u[1] < SINGULAR * d * d {
             return Err(Unreachable::Singular { x, y });
         }
-        Ok(legs)
-    }
-
-    /// A proximal link and its elbow.
-    #[inline(always)]
-    fn leg(&self, x: f64, y: f64, outward: f64) -> Result<Leg, Unreachable> {
-        let dx = x - self.base_x(outward);
-        let square = dx * dx + y * y;
-        let reach = square.sqrt();
-        let cosine = (square + self.proximal * self.proximal - self.distal * self.distal)
-            / (2.0 * reach * self.proximal);
-        if cosine.is_nan() || cosine.abs() > 1.0 {
-            return Err(Unreachable::OutOfReach { x, y });
-        }
-        let sine = (1.0 - cosine * cosine).sqrt();
-        if sine < SINGULAR {
-            return Err(Unreachable::Singular { x, y });
-        }
-        // The proximal link's direction is the line to the endpoint turned outward.
-        let (c, s) = (dx * cosine, y * cosine);
-        let (tc, ts) = (outward * y * sine, -outward * dx * sine);
-        let along = Displacement::new(c + tc, s + ts);
-        let elbow = along * (self.proximal / reach) + Displacement::new(self.base_x(outward), 0.0);
-        Ok(Leg {
-            along,
-            reach,
-            elbow,
-        })
+        Ok(Legs { along, reach })
     }
 
     /// Vectors from the elbows of A and B to the endpoint.

@@ -1,6 +1,12 @@
 //! Dynamics of a micro axis: a piezo bimorph on a flexure.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined does not get the instructions of its caller"
+)]
+
 use crate::Invalid;
+use crate::each::Each;
 
 /// A damped resonance `x'' + 2 zeta w x' + w^2 x = w^2 u`, exact for inputs held over one period.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,11 +55,56 @@ impl Resonance {
 
     /// Advances `state` by one period under a constant `input`.
     pub fn advance(&self, state: &mut ResonanceState, input: f64) {
+        let mut states = ResonanceStates {
+            position: Each([state.position]),
+            velocity: Each([state.velocity]),
+        };
+        Resonances::new([*self]).advance(&mut states, Each([input]));
+        (state.position, state.velocity) = (states.position[0], states.velocity[0]);
+    }
+}
+
+/// Some [`Resonance`]s side by side.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Resonances<const N: usize> {
+    transition: [[Each<N>; 2]; 2],
+}
+
+/// The [`ResonanceState`] of each.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ResonanceStates<const N: usize> {
+    /// Positions, in the unit of the input.
+    pub position: Each<N>,
+    /// Velocities, input units a second.
+    pub velocity: Each<N>,
+}
+
+impl<const N: usize> Default for ResonanceStates<N> {
+    fn default() -> Self {
+        Self {
+            position: Each([0.0; N]),
+            velocity: Each([0.0; N]),
+        }
+    }
+}
+
+impl<const N: usize> Resonances<N> {
+    /// These, sampled with the same period.
+    pub fn new(of: [Resonance; N]) -> Self {
+        let part = |i: usize, k: usize| Each::of(|lane| of[lane].transition[i][k]);
+        Self {
+            transition: [[part(0, 0), part(0, 1)], [part(1, 0), part(1, 1)]],
+        }
+    }
+
+    /// Advances all of them by one period, each under a constant `input`.
+    #[inline(always)]
+    pub fn advance(&self, states: &mut ResonanceStates<N>, input: Each<N>) {
         let [[a, b], [c, d]] = self.transition;
-        let deviation = state.position - input;
-        let velocity = state.velocity;
-        state.position = input + a * deviation + b * velocity;
-        state.velocity = c * deviation + d * velocity;
+        let deviation = states.position - input;
+        let velocity = states.velocity;
+        states.position = input + a * deviation + b * velocity;
+        states.velocity = c * deviation + d * velocity;
     }
 }
 

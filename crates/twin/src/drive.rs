@@ -13,6 +13,7 @@ use super::sensors::encode;
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, SIDES};
 use pigtail_hal::{Axis, Pulse, Spec};
+use pigtail_model::each::held;
 use pigtail_model::joint::JointParameters;
 use std::f64::consts::TAU;
 
@@ -92,8 +93,8 @@ impl Drives {
     ) -> [[f64; AXES]; SIDES] {
         let before = self.slips.map(|_| self.outputs());
         let volts = |side: usize, axis: usize| {
-            let limit = self.limits[side][axis];
-            voltages[side][axis].0.clamp(-limit, limit)
+            let (limit, Volts(volts)) = (self.limits[side][axis], voltages[side][axis]);
+            held(volts, -limit, limit)
         };
         let (left, right) = (volts(0, 2), volts(1, 2));
         let [la, lb, ra, rb] = self.five_bars.advance(

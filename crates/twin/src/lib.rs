@@ -149,6 +149,11 @@ impl Fluctuation {
         }
     }
 
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "what is not inlined does not get the instructions of its caller"
+    )]
     fn next(&mut self, rng: &mut impl Rng) -> f64 {
         self.deviation = self.decay * self.deviation + self.kick * normal(rng);
         (1.0 + self.deviation).max(0.0)
@@ -576,7 +581,9 @@ impl Twin {
             if let Some(handling) = command.fiber[i] {
                 self.handle_fiber(side, handling)?;
             }
-            self.set_bond(side, holder);
+            if self.setting[i].is_some() {
+                self.set_bond(side, holder);
+            }
         }
         if self.production.is_some() {
             self.produce(&holders);

@@ -11,9 +11,10 @@ use pigtail_hal::Spec;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::MICRO_AXES;
 use pigtail_model::Invalid;
+use pigtail_model::each::{Each, held};
 use pigtail_model::frames::Displacement;
 use pigtail_model::hysteresis::{Creep, CreepState, Hysteresis, HysteresisState};
-use pigtail_model::piezo::{Resonance, ResonanceState};
+use pigtail_model::piezo::{Resonance, ResonanceStates, Resonances};
 use rand::{Rng, RngExt};
 
 /// No specimen is damped more.
@@ -36,10 +37,7 @@ const HOLD: u32 = 250;
 pub(super) struct Micro {
     piezos: [Piezo; MICRO_AXES],
     flexure: Flexure,
-    /// Where the piezos bring the flexure...
-    moved: Swing,
-    /// ...and what the noise of their amplifiers adds.
-    shaken: Swing,
+    swing: Swing,
     /// White noise before the flexure, metres.
     kick: [f64; MICRO_AXES],
     /// Metres a volt of full stroke, with the coupling of the axes.
@@ -53,38 +51,49 @@ pub(super) struct Micro {
     cos: f64,
 }
 
+/// What a flexure is moved by: along each axis where the piezos bring it, and then what the noise of their amplifiers adds. All of them
+/// are worked out at once.
+const MOVED: usize = 2 * MICRO_AXES;
+
 /// What carries a tip: a resonance of each axis and, if there is one, a second behind it with the share of the
 /// displacement that goes by it.
 #[derive(Debug, Clone)]
 struct Flexure {
-    first: [Resonance; MICRO_AXES],
-    second: Option<(Resonance, f64)>,
+    first: Resonances<MOVED>,
+    second: Option<(Resonances<MOVED>, f64)>,
 }
 
 /// Where a flexure is, and how fast.
 #[derive(Debug, Clone, Copy, Default)]
 struct Swing {
-    first: [ResonanceState; MICRO_AXES],
-    second: [ResonanceState; MICRO_AXES],
+    first: ResonanceStates<MOVED>,
+    second: ResonanceStates<MOVED>,
 }
 
 impl Flexure {
-    /// One cycle of an axis under an input in metres.
-    #[inline(always)]
-    fn advance(&self, swing: &mut Swing, axis: usize, input: f64) {
-        self.first[axis].advance(&mut swing.first[axis], input);
-        if let Some((resonance, _)) = &self.second {
-            resonance.advance(&mut swing.second[axis], input);
+    fn new([x, y]: [Resonance; MICRO_AXES], second: Option<(Resonance, f64)>) -> Self {
+        Self {
+            first: Resonances::new([x, y, x, y]),
+            second: second.map(|(mode, share)| (Resonances::new([mode; MOVED]), share)),
         }
     }
 
-    /// Of an axis, metres.
+    /// One cycle under inputs in metres.
     #[inline(always)]
-    fn position(&self, swing: &Swing, axis: usize) -> f64 {
-        let first = swing.first[axis].position;
+    fn advance(&self, swing: &mut Swing, input: Each<MOVED>) {
+        self.first.advance(&mut swing.first, input);
+        if let Some((second, _)) = &self.second {
+            second.advance(&mut swing.second, input);
+        }
+    }
+
+    /// What each brings, metres.
+    #[inline(always)]
+    fn positions(&self, swing: &Swing) -> Each<MOVED> {
+        let first = swing.first.position;
         match &self.second {
             None => first,
-            Some((_, share)) => first + share * (swing.second[axis].position - first),
+            Some((_, share)) => first + *share * (swing.second.position - first),
         }
     }
 
@@ -95,17 +104,18 @@ impl Flexure {
         let mut sum = 0.0;
         let mut largest = 0.0_f64;
         let mut quiet = 0;
-        self.advance(&mut swing, axis, 1.0);
+        let pushed = Each::of(|lane| if lane == axis { 1.0 } else { 0.0 });
+        self.advance(&mut swing, pushed);
         // Until a while of nothing but the last of the tail: what rings passes through zero on its way.
         for _ in 0..LONGEST {
             if quiet == QUIET {
                 break;
             }
-            let at = self.position(&swing, axis).abs();
+            let at = self.positions(&swing)[axis].abs();
             largest = largest.max(at);
             quiet = if at > GONE * largest { 0 } else { quiet + 1 };
             sum += at * at;
-            self.advance(&mut swing, axis, 0.0);
+            self.advance(&mut swing, Each([0.0; MOVED]));
         }
         sum.sqrt()
     }
@@ -160,23 +170,21 @@ impl Micro {
             );
             Resonance::new(at, damping.min(MOST_DAMPING), spec.period())
         };
-        let flexure = Flexure {
-            first: [resonance()?, resonance()?],
-            second: match m.second {
-                Some(mode) => Some((
-                    Resonance::new(mode.resonance, mode.damping, spec.period())?,
-                    mode.share,
-                )),
-                None => None,
-            },
+        let first = [resonance()?, resonance()?];
+        let second = match m.second {
+            Some(mode) => Some((
+                Resonance::new(mode.resonance, mode.damping, spec.period())?,
+                mode.share,
+            )),
+            None => None,
         };
+        let flexure = Flexure::new(first, second);
         let gain = [[p, m.coupling * q], [m.coupling * p, q]];
         Ok(Self {
             piezos,
             kick: [0, 1].map(|axis| m.noise / flexure.of_white_noise(axis)),
             flexure,
-            moved: Swing::default(),
-            shaken: Swing::default(),
+            swing: Swing::default(),
             gain,
             cold: gain,
             centre: 0.5 * spec.micro.voltage,
@@ -196,23 +204,21 @@ impl Micro {
     ) -> Displacement {
         let [first, second] = volts;
         let (u, v) = (self.alone(0, first), self.alone(1, second));
-        let mut at = [0.0; MICRO_AXES];
-        for (i, at) in at.iter_mut().enumerate() {
-            let input = self.gain[i][0] * u + self.gain[i][1] * v;
-            self.flexure.advance(&mut self.moved, i, input);
-            let noise = self.kick[i] * normal(rng);
-            self.flexure.advance(&mut self.shaken, i, noise);
-            *at = self.flexure.position(&self.moved, i) + self.flexure.position(&self.shaken, i);
+        let mut input = Each([0.0; MOVED]);
+        for i in 0..MICRO_AXES {
+            input[i] = self.gain[i][0] * u + self.gain[i][1] * v;
+            input[MICRO_AXES + i] = self.kick[i] * normal(rng);
         }
-        let [p, q] = at;
-        Displacement::new(p, q).turned(self.sin, self.cos)
+        self.flexure.advance(&mut self.swing, input);
+        let Each([p, q, shaken_p, shaken_q]) = self.flexure.positions(&self.swing);
+        Displacement::new(p + shaken_p, q + shaken_q).turned(self.sin, self.cos)
     }
 
     /// What a piezo would do by itself, volts of full stroke.
     #[inline(always)]
     fn alone(&mut self, piezo: usize, Volts(volts): Volts) -> f64 {
-        let held = nearest(volts.clamp(0.0, self.limit) / self.step) * self.step;
-        self.centre * self.piezos[piezo].advance((held - self.centre) / self.centre)
+        let given = nearest(held(volts, 0.0, self.limit) / self.step) * self.step;
+        self.centre * self.piezos[piezo].advance((given - self.centre) / self.centre)
     }
 
     /// A piezo gives no more than a share of its stroke.
@@ -242,7 +248,7 @@ impl Micro {
 
     /// The displacement in the manipulator's x and y without noise, metres.
     pub(super) fn displacement(&self) -> Displacement {
-        let [p, q] = [0, 1].map(|axis| self.flexure.position(&self.moved, axis));
+        let Each([p, q, ..]) = self.flexure.positions(&self.swing);
         Displacement::new(p, q).turned(self.sin, self.cos)
     }
 
@@ -280,8 +286,8 @@ mod tests {
         let mut swing = Swing::default();
         let at: Vec<f64> = (0..400_000)
             .map(|_| {
-                flexure.advance(&mut swing, 0, kick * normal(&mut rng));
-                flexure.position(&swing, 0)
+                flexure.advance(&mut swing, Each([kick * normal(&mut rng), 0.0, 0.0, 0.0]));
+                flexure.positions(&swing)[0]
             })
             .collect();
         let apart = (1e-3 / period).round() as usize;
@@ -318,7 +324,8 @@ mod tests {
                 let volts = Volts(micro.centre + micro.centre * (f64::from(k) / 1000.0).min(1.0));
                 micro.advance([volts; MICRO_AXES], rng);
             }
-            [0, 1].map(|axis| micro.flexure.position(&micro.moved, axis))
+            let Each([p, q, ..]) = micro.flexure.positions(&micro.swing);
+            [p, q]
         };
         let (before, now) = (end(&mut cold, &mut rng), end(&mut warm, &mut rng));
         for (i, grows) in by.strokes.into_iter().enumerate() {
@@ -341,10 +348,8 @@ mod tests {
             for (frequency, damping) in [(200.0, 0.5), (91.0, 0.05), (440.0, 0.85)] {
                 let resonance =
                     |(at, damping): (f64, f64)| Resonance::new(at, damping, period).unwrap();
-                let flexure = Flexure {
-                    first: [resonance((frequency, damping)); MICRO_AXES],
-                    second: second.map(|(at, damping, share)| (resonance((at, damping)), share)),
-                };
+                let behind = second.map(|(at, damping, share)| (resonance((at, damping)), share));
+                let flexure = Flexure::new([resonance((frequency, damping)); MICRO_AXES], behind);
                 let (deviation, alike) = shaken(&flexure, period);
                 assert!((deviation - 1.0).abs() < 0.05, "{frequency}: {deviation}");
                 // What a resonance under white noise is a while later, in closed form.

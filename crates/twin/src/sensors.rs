@@ -10,6 +10,7 @@ use super::plant::{CameraPlant, Light, uniform};
 use pigtail_hal::measurement::{LightSample, TipFix, VisionFrame};
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{CHANNELS, PhotodiodeSpec, SIDES, Spec, VisionSpec};
+use pigtail_model::each::held;
 use pigtail_model::frames::{Chip, Point};
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
@@ -143,7 +144,7 @@ impl Photodiodes {
                 continue;
             }
             let code = (self.filtered[i] + offset + self.noise * normal(rng)) / self.step;
-            *volts = Volts(nearest(code.clamp(0.0, self.codes)) * self.step);
+            *volts = Volts(nearest(held(code, 0.0, self.codes)) * self.step);
         }
         Some(LightSample { time, volts })
     }
@@ -256,7 +257,24 @@ impl Camera {
     }
 
     /// Exposes a frame of what is seen, where it is time to, and returns the one whose delay has passed.
+    #[inline(always)]
     pub(super) fn cycle(
+        &mut self,
+        seen: Option<([Option<Seen>; SIDES], Seen)>,
+        cycle: u64,
+        time: f64,
+        rng: &mut impl Rng,
+    ) -> Option<VisionFrame> {
+        let due = self.pending.front().is_some_and(|(due, _)| *due <= cycle);
+        // Of a hundred cycles two.
+        if !due && seen.is_none() {
+            return None;
+        }
+        self.look(seen, cycle, time, rng)
+    }
+
+    #[inline(never)]
+    fn look(
         &mut self,
         seen: Option<([Option<Seen>; SIDES], Seen)>,
         cycle: u64,

@@ -10,6 +10,7 @@ use super::hysteresis::{Invalid, Model, Range, State};
 use pigtail_hal::Spec;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::MICRO_AXES;
+use pigtail_model::each::held;
 use pigtail_model::frames::Displacement;
 use serde::{Deserialize, Serialize};
 
@@ -135,15 +136,23 @@ impl MicroCompensation {
     /// The voltages of the next cycle for piezos that are to go so far, metres.
     #[inline(always)]
     pub fn next_along(&mut self, wanted: [f64; MICRO_AXES]) -> [Volts; MICRO_AXES] {
-        let [first, second] = wanted;
-        [self.next_of(0, first), self.next_of(1, second)]
-    }
-
-    #[inline(always)]
-    fn next_of(&mut self, piezo: usize, wanted: f64) -> Volts {
-        let d = wanted.clamp(-self.half_range, self.half_range) + self.zeros[piezo];
-        let state = &mut self.states[piezo];
-        Volts(self.model.piezos[piezo].voltage(state, d, self.period, &self.limits))
+        let (half, period, limits) = (self.half_range, self.period, &self.limits);
+        let [first, second] = [0, 1].map(|i: usize| held(wanted[i], -half, half) + self.zeros[i]);
+        let [p, q] = &self.model.piezos;
+        let [of_p, of_q] = &mut self.states;
+        if let (Model::Memory(p), Model::Memory(q)) = (p, q)
+            && let (State::Memory(of_p), State::Memory(of_q)) = (&mut *of_p, &mut *of_q)
+        {
+            // Both are asked before one answers: what an answer is depends on where the voltage goes, and nobody waits for that twice.
+            let first = p.asked(of_p, first, period);
+            let second = q.asked(of_q, second, period);
+            let first = p.answer(of_p, first, limits);
+            return [Volts(first), Volts(q.answer(of_q, second, limits))];
+        }
+        [
+            Volts(p.voltage(of_p, first, period, limits)),
+            Volts(q.voltage(of_q, second, period, limits)),
+        ]
     }
 
     /// Takes note of voltages that somebody else has set for the next cycle.

@@ -116,6 +116,9 @@ impl OnLine {
     /// How many times as far as is believed each is taken to go at this moment.
     fn scales_now(&self) -> [f64; MICRO_AXES] {
         let (left, all) = self.left;
+        if left == 0 {
+            return self.scales;
+        }
         let before = f64::from(left) / f64::from(all);
         std::array::from_fn(|i| self.scales[i] + before * (self.before[i] - self.scales[i]))
     }

@@ -14,7 +14,8 @@ use crate::trajectory::{Motion, Rates};
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, MICRO_AXES};
 use pigtail_hal::{Axis, AxisName, Side, Spec};
-use pigtail_model::fivebar::Turning;
+use pigtail_model::each::held;
+use pigtail_model::fivebar::{Turning, Unreachable};
 use pigtail_model::frames::{Displacement, Macro, Point};
 use pigtail_model::windup::{Windup, WindupState};
 use std::cell::Cell;
@@ -47,6 +48,10 @@ pub(super) struct Arm {
     pub(super) kinematics: Kinematics,
     /// Sines and cosines of its joints by the encoders.
     pub(super) turning: Cell<[Turning; 2]>,
+    /// Where the endpoint was when it was last asked for, by these encoders and this windup.
+    pub(super) endpoint: Cell<Option<Known>>,
+    /// The same of one that was asked for of an earlier moment.
+    pub(super) earlier: Cell<Option<Known>>,
     /// The same where they are wanted.
     wanted_turning: [Turning; 2],
     pub(super) windups: [Windup; AXES],
@@ -76,6 +81,40 @@ pub(super) struct Arm {
     pub(super) loaded: bool,
 }
 
+/// Where an endpoint is by its encoders and by what its transmissions hold back: asked for again and again of a manipulator that stands.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Known {
+    encoders: [Counts; AXES],
+    /// Radians of the outputs.
+    windup: [f64; AXES],
+    endpoint: Point<Macro>,
+}
+
+impl Known {
+    /// What `last` was, if it still is so, or what is worked out of angles of the outputs (radians); `None` where no mechanism has these.
+    #[inline(always)]
+    pub(super) fn or(
+        last: &Cell<Option<Self>>,
+        kinematics: &Kinematics,
+        (encoders, windup): ([Counts; AXES], [f64; AXES]),
+        work: impl FnOnce([f64; AXES]) -> Result<Point<Macro>, Unreachable>,
+    ) -> Option<Point<Macro>> {
+        if let Some(last) = last.get()
+            && last.encoders == encoders
+            && last.windup == windup
+        {
+            return Some(last.endpoint);
+        }
+        let endpoint = work(kinematics.outputs_of(&encoders, &windup)).ok()?;
+        last.set(Some(Self {
+            encoders,
+            windup,
+            endpoint,
+        }));
+        Some(endpoint)
+    }
+}
+
 /// A motion that is being followed.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Started {
@@ -93,6 +132,8 @@ impl Arm {
         Self {
             kinematics: Kinematics::new(spec, calibration, side),
             turning: Cell::default(),
+            endpoint: Cell::new(None),
+            earlier: Cell::new(None),
             wanted_turning: Default::default(),
             windups: Axis::ALL.map(|axis| {
                 let belief = calibration.windup.of(AxisName::new(side, axis));
@@ -216,7 +257,7 @@ impl Arm {
         let wanted = (behind as f64 / (2 * BEHIND_COUNTS) as f64).clamp(0.0, 1.0);
         // No faster than z could slow down from its full speed by itself.
         let step = z.acceleration * period / z.speed;
-        started.slower += (wanted - started.slower).clamp(-step, step);
+        started.slower += held(wanted - started.slower, -step, step);
         started.at += started.slower * period;
     }
 
@@ -250,7 +291,7 @@ impl Arm {
                 } else {
                     by.abs()
                 };
-                self.windup[i] += by.clamp(-most, most);
+                self.windup[i] += held(by, -most, most);
                 over &= by.abs() <= most;
                 self.outputs[i] = output;
                 self.references[i] = self.kinematics.counts(i, output + self.windup[i]);

@@ -1,5 +1,6 @@
 //! A station as a bench: it plays laws where its loops are closed, in every cycle.
 
+use super::arm::Known;
 use super::past::Stand;
 use super::{Observer, Station, VoltageMachine};
 use crate::kinematics::Kinematics;
@@ -313,10 +314,14 @@ impl Bench for Station<'_> {
                 measured: false,
             },
             Stage::Coarse => {
-                let kinematics = self.kinematics(side);
-                let outputs = kinematics.outputs_of(&encoders, &windup);
+                let arm = &self.arms[side.index()];
+                let kinematics = &arm.kinematics;
+                let stood = (encoders, windup);
+                let endpoint = Known::or(&arm.earlier, kinematics, stood, |outputs| {
+                    kinematics.endpoint_at(outputs)
+                });
                 Estimate {
-                    pose: pose_of(kinematics.endpoint_at(outputs).ok()?),
+                    pose: pose_of(endpoint?),
                     measured: true,
                 }
             }

@@ -1,7 +1,12 @@
 //! What is believed of the geometry around the chip: where manipulators stand and where facets are.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined does not get the instructions of its caller"
+)]
+
 use pigtail_hal::spec::SIDES;
-use pigtail_model::fivebar::{FiveBar, JointAngle, Turning, Unreachable};
+use pigtail_model::fivebar::{FiveBar, JointAngle, Unreachable};
 use pigtail_model::frames::{Chip, Placement, Point};
 use pigtail_model::leadscrew::LeadScrew;
 
@@ -18,8 +23,8 @@ pub struct Geometry {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Arm {
     pub(super) five_bar: FiveBar,
-    home: [f64; 2],
-    home_angles: [JointAngle; 2],
+    pub(super) home: [f64; 2],
+    pub(super) home_angles: [JointAngle; 2],
     pub(super) screw: LeadScrew,
     pub(super) placement: Placement,
     pub(super) micro_gain: f64,
@@ -58,26 +63,6 @@ impl Arm {
             .forward([JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)])?;
         Ok((x - self.home[0], y - self.home[1]))
     }
-
-    /// The same of angles that change little from one call to the next.
-    #[inline(always)]
-    pub(super) fn across_from(
-        &self,
-        turning: &mut [Turning; 2],
-        [a, b]: [f64; 2],
-    ) -> Result<(f64, f64), Unreachable> {
-        let [home_a, home_b] = self.home_angles;
-        let angles = [JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)];
-        let (x, y) = self.five_bar.forward_from(turning, angles)?;
-        Ok((x - self.home[0], y - self.home[1]))
-    }
-
-    /// How far the endpoint goes across for its joints, at these angles from home (radians): metres a radian, of x, then of y.
-    pub(super) fn rates(&self, [a, b]: [f64; 2]) -> Result<[[f64; 2]; 2], Unreachable> {
-        let [home_a, home_b] = self.home_angles;
-        let angles = [JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)];
-        self.five_bar.jacobian(angles)
-    }
 }
 
 /// A facet of the chip by design: a plane through its ports that goes up and down straight.
@@ -107,11 +92,14 @@ impl Facet {
 
     /// Distance along z from the port in whose light a tip may stand that is within `aside` of `x`,
     /// metres; `None` where there is none.
+    #[inline(always)]
     pub(super) fn gap_in_light(&self, x: f64, z: f64, aside: f64) -> Option<f64> {
-        let near = self.ports.iter().filter_map(|port| {
+        let mut least = f64::INFINITY;
+        for port in &self.ports {
             let gap = self.outward * (z - port.z);
-            ((x - port.x - gap * self.exit).abs() <= aside).then_some(gap)
-        });
-        near.min_by(f64::total_cmp)
+            let is_near = (x - port.x - gap * self.exit).abs() <= aside;
+            least = if is_near && gap < least { gap } else { least };
+        }
+        (least < f64::INFINITY).then_some(least)
     }
 }

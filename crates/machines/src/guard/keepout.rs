@@ -18,7 +18,6 @@ use super::across::Across;
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{GuardSpec, HolderSpec, MICRO_AXES, SIDES};
 use pigtail_hal::{Axis, Measurement, Side, Spec};
-use pigtail_model::fivebar::Turning;
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
 
 /// So many times longer than it takes to settle a piezo may be seen to swing.
@@ -181,11 +180,10 @@ pub(super) struct Keepout {
     /// Whether what was before says nothing of what comes.
     anew: bool,
     at: usize,
-    seen_counts: [[Counts; 2]; SIDES],
-    /// Sines and cosines of the joints by encoders.
-    turning: [[Turning; 2]; SIDES],
-    /// Where the endpoints are by probes.
-    probed: [Across; SIDES],
+    /// What says where the endpoints are across.
+    across: Across,
+    /// Where they are by probes, metres from home; no numbers where no mechanism has these angles, nothing on a rig without probes.
+    probed: [Option<(f64, f64)>; SIDES],
     held: [bool; SIDES],
     fibers: [Option<Belief>; SIDES],
     sensing: Option<Belief>,
@@ -257,9 +255,8 @@ impl Keepout {
             clearances: [f64::INFINITY; SIDES],
             anew: false,
             at: 0,
-            seen_counts: [[Counts(0); 2]; SIDES],
-            turning: Default::default(),
-            probed: Default::default(),
+            across: Across::new(&geometry.arms),
+            probed: [None; SIDES],
             held: [false; SIDES],
             fibers: [None; SIDES],
             sensing: None,
@@ -397,24 +394,25 @@ impl Keepout {
             self.at = 0;
         }
         let mut wholes = [true; SIDES];
+        let counted = encoders.map(|[Counts(a), Counts(b), _]| {
+            [a, b].map(|counts| counts as f64 * self.radians_per_count)
+        });
+        let angles = probes.map(|probes| probes.map(|[a, b, _]| [a / self.arm, b / self.arm]));
+        let [by_encoders, by_probes] = self.across.of(counted, angles.unwrap_or_default());
         for (i, whole) in wholes.iter_mut().enumerate() {
             let arm = &self.geometry.arms[i];
-            let [a, b, Counts(z)] = encoders[i];
+            let [.., Counts(z)] = encoders[i];
             let before = &self.recent[last][i];
             let (was, was_told) = (before.endpoint, before.micro);
             let (mut endpoint, mut gone) = (was, before.gone);
-            if [a, b] != self.seen_counts[i] {
-                self.seen_counts[i] = [a, b];
-                let turned = [a, b].map(|Counts(counts)| counts as f64 * self.radians_per_count);
-                match arm.across_from(&mut self.turning[i], turned) {
-                    Ok((x, y)) => {
-                        gone[0] += (x - endpoint.x).abs();
-                        gone[1] += (y - endpoint.y).abs();
-                        (endpoint.x, endpoint.y) = (x, y);
-                    }
-                    Err(_) => *whole = false,
-                }
+            let (x, y) = by_encoders[i];
+            *whole = !(x + y).is_nan();
+            if *whole {
+                gone[0] += (x - endpoint.x).abs();
+                gone[1] += (y - endpoint.y).abs();
+                (endpoint.x, endpoint.y) = (x, y);
             }
+            self.probed[i] = angles.is_some().then_some(by_probes[i]);
             endpoint.z = z as f64 * self.metres_per_count_z;
             let mut added = Displacement::ZERO;
             for (gain, Volts(volts)) in self.micro[i].iter().zip(micro[i]) {
@@ -441,7 +439,7 @@ impl Keepout {
             self.recent[self.at][i] = Stand {
                 time: measured.time,
                 endpoint,
-                probed: probes.map(|probes| [0, 1].map(|k| probes[i][k] / self.arm)),
+                probed: angles.map(|angles| angles[i]),
                 ahead: probes.map_or(0.0, |probes| probes[i][Axis::Z.index()] - endpoint.z),
                 gone,
                 micro: added,
@@ -469,7 +467,7 @@ impl Keepout {
 
     /// The same of where a manipulator stands now, if it matters: where a tip of it has been seen. And of its holder, the micro apart.
     #[inline(always)]
-    fn probed_x_now(&mut self, side: Side) -> Option<(f64, f64)> {
+    fn probed_x_now(&self, side: Side) -> Option<(f64, f64)> {
         let i = side.index();
         let sensing = side == Side::Right && self.sensing.is_some();
         if !self.held[i] && !sensing {
@@ -477,7 +475,7 @@ impl Keepout {
         }
         let stand = &self.recent[self.at][i];
         let arm = &self.geometry.arms[i];
-        let (x, y) = self.probed[i].of(arm, stand.probed?).ok()?;
+        let (x, y) = self.probed[i].filter(|(x, y)| !(x + y).is_nan())?;
         let holder = Point::new(x, y, stand.endpoint.z);
         let x_of = |at| arm.placement.chip_from_macro(at).x;
         Some((x_of(holder.moved(stand.micro)), x_of(holder)))
@@ -549,18 +547,23 @@ impl Keepout {
             // And one whose encoder is stuck as fast as its output.
             let ahead = self.stand(i, 0).ahead - self.stand(i, AT_ONCE).ahead;
             let output = now + ahead * self.rate / AT_ONCE as f64;
+            // Of one that goes away nothing is left: without a branch, for noise has one that stands go either way.
             let [stop, stop_output] = [on_average.max(now), output].map(|speed| {
-                if speed > 0.0 {
-                    speed * GuardSpec::REACTION / self.rate + 0.5 * speed * speed / self.brake
-                } else {
-                    0.0
-                }
+                let speed = if speed > 0.0 { speed } else { 0.0 };
+                speed * GuardSpec::REACTION / self.rate + 0.5 * speed * speed / self.brake
             });
             let across = match outputs[i] {
                 Some((_, holder)) => self.comes_nearer_across(i, holder),
                 None => 0.0,
             };
             let facet = &self.geometry.facets[i];
+            let sensing = if side == Side::Right {
+                let distance =
+                    self.clearance(Tip::Sensing, self.sensing.as_ref(), probed[i], BESIDE);
+                Some((Tip::Sensing.name(), distance.clearance, distance.ahead))
+            } else {
+                None
+            };
             let carried = if self.held[i] {
                 let tip = Tip::Fiber(side);
                 let x = probed[i].unwrap_or(self.stand(i, 0).tip.x);
@@ -595,18 +598,20 @@ impl Keepout {
                 let clearance = front - aside * facet.stands_out.abs() - self.placement;
                 (["left holder", "right holder"][i], clearance, 0.0)
             };
-            let beside = if side == Side::Right {
-                let distance =
-                    self.clearance(Tip::Sensing, self.sensing.as_ref(), probed[i], BESIDE);
-                Some((Tip::Sensing.name(), distance.clearance, distance.ahead))
-            } else {
-                None
-            };
             self.clearances[i] = f64::INFINITY;
-            for (what, clearance, ahead) in std::iter::once(carried).chain(beside) {
-                self.clearances[i] = self.clearances[i].min(clearance - ahead.max(0.0));
+            for tip in [Some(carried), sensing] {
+                let Some((what, clearance, ahead)) = tip else {
+                    continue;
+                };
+                let forward = if ahead > 0.0 { ahead } else { 0.0 };
+                self.clearances[i] = self.clearances[i].min(clearance - forward);
                 // An output that is behind its motor may be the faster of both, and that from farther away.
-                let stop = (ahead.max(0.0) + stop).max(ahead + stop_output);
+                let (stop, stop_output) = (forward + stop, ahead + stop_output);
+                let stop = if stop > stop_output {
+                    stop
+                } else {
+                    stop_output
+                };
                 let clearance = clearance - stop - across;
                 if clearance < nearest.clearance {
                     nearest = Near { what, clearance };

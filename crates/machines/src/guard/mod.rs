@@ -315,12 +315,16 @@ impl<M: Machine> Guard<M> {
         measured: &Measurement,
     ) -> Result<(), Broken> {
         let limits = &self.limits;
-        for side in Side::ALL {
-            for axis in Axis::ALL {
-                let (i, k) = (side.index(), axis.index());
+        let (stalls, following) = (
+            !self.exempt.contains(&Rule::MotorStall),
+            !self.exempt.contains(&Rule::ServoFollowing),
+        );
+        // By their numbers: a loop over sides and axes themselves keeps a list of each.
+        for i in 0..SIDES {
+            for k in 0..AXES {
                 let Counts(now) = measured.encoders[i][k];
                 let Counts(then) = before.encoders[i][k];
-                let named = || AxisName { side, axis }.to_string();
+                let named = || AxisName::new(Side::ALL[i], Axis::ALL[k]).to_string();
                 if (now - then).abs() > limits.jump[k] {
                     return Err(Broken::new(
                         Rule::EncoderSpeed,
@@ -329,20 +333,20 @@ impl<M: Machine> Guard<M> {
                         format!("at most {}", limits.jump[k]),
                     ));
                 }
-                if command.pulses[i][k].is_none() && !self.exempt.contains(&Rule::MotorStall) {
+                if stalls && command.pulses[i][k].is_none() {
                     let volts = command.motors[i][k];
                     let output = || {
                         let (now, then) = (measured.probes.as_ref()?, before.probes.as_ref()?);
                         Some((now[i][k] - then[i][k]) / limits.probe_per_count[k])
                     };
-                    self.stalls
-                        .check(AxisName { side, axis }, volts, now != then, output)?;
+                    let turned = now != then;
+                    self.stalls.check((i, k), volts, turned, output)?;
                 }
                 let Some(Counts(wanted)) = command.references[i][k] else {
                     continue;
                 };
                 let away = (wanted - now).abs();
-                if away <= limits.following[k] || self.exempt.contains(&Rule::ServoFollowing) {
+                if away <= limits.following[k] || !following {
                     continue;
                 }
                 // One that moves is farther behind: speeds are looked at where it may matter.
@@ -563,25 +567,28 @@ impl<M: Machine> Work for Check<'_, M> {
     }
 }
 
-impl<M: Machine> Machine for Guard<M> {
-    fn spec(&self) -> &Spec {
-        self.machine.spec()
+impl<M: Machine> Guard<M> {
+    /// A cycle under a command that was found good, and what is measured then. That stays where it is until it is handed on: it is large,
+    /// and is the only thing that is given back here.
+    fn watched(&mut self, command: &Command) -> Result<Measurement, Fault> {
+        let mut answer = self.machine.exchange(command);
+        if let Err(why) = self.watch(command, &answer) {
+            answer = Err(why);
+        }
+        answer
     }
 
-    fn exchange(&mut self, command: &Command) -> Result<Measurement, Fault> {
-        if let Some(fault) = &self.fault {
-            return Err(fault.clone());
-        }
-        if let Err(broken) = self.check_command(command) {
-            return Err(self.trip(broken));
-        }
-        // What was answered stays where it is until it is handed on: it is large.
-        let answer = self.machine.exchange(command);
-        let measured = match &answer {
+    /// What is wrong with what was answered; the machine is stopped then.
+    fn watch(
+        &mut self,
+        command: &Command,
+        answer: &Result<Measurement, Fault>,
+    ) -> Result<(), Fault> {
+        let measured = match answer {
             Ok(measured) => measured,
             Err(fault) => {
                 self.fault = Some(fault.clone());
-                return answer;
+                return Err(fault.clone());
             }
         };
         if command.fiber != [None; SIDES] || measured.handled != [None; SIDES] {
@@ -603,10 +610,23 @@ impl<M: Machine> Machine for Guard<M> {
             encoders: measured.encoders,
             probes: measured.probes,
         });
-        match checked {
-            Ok(()) => answer,
-            Err(broken) => Err(self.trip(broken)),
+        checked.map_err(|broken| self.trip(broken))
+    }
+}
+
+impl<M: Machine> Machine for Guard<M> {
+    fn spec(&self) -> &Spec {
+        self.machine.spec()
+    }
+
+    fn exchange(&mut self, command: &Command) -> Result<Measurement, Fault> {
+        if let Some(fault) = &self.fault {
+            return Err(fault.clone());
         }
+        if let Err(broken) = self.check_command(command) {
+            return Err(self.trip(broken));
+        }
+        self.watched(command)
     }
 
     fn stop(&mut self) {

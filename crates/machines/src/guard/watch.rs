@@ -173,17 +173,16 @@ impl Stalls {
         }
     }
 
-    /// A cycle in which a motor was given so much and turned or not, by its encoder, and its output went
+    /// A cycle in which the motor of a side and an axis was given so much and turned or not, by its encoder, and its output went
     /// so many counts, by its probe.
     #[inline(always)]
     pub(super) fn check(
         &mut self,
-        at: AxisName,
+        (i, k): (usize, usize),
         Volts(volts): Volts,
         turned: bool,
         output: impl FnOnce() -> Option<f64>,
     ) -> Result<(), Broken> {
-        let (i, k) = (at.side.index(), at.axis.index());
         let (stall, start) = (&mut self.each[i][k], self.start[k]);
         if turned {
             *stall = Stall::default();
@@ -220,7 +219,7 @@ impl Stalls {
         };
         Err(Broken::new(
             Rule::MotorStall,
-            at.to_string(),
+            AxisName::new(Side::ALL[i], Axis::ALL[k]).to_string(),
             format!("no count, at {volts:.1} V{though}"),
             format!("counts above {start} V"),
         ))
@@ -461,10 +460,7 @@ mod tests {
             period: 0.4e-3,
             each: Default::default(),
         };
-        let at = AxisName {
-            side: Side::Left,
-            axis: Axis::Z,
-        };
+        let at = (Side::Left.index(), Axis::Z.index());
         let mut cycles = cycles.into_iter().enumerate();
         cycles.find_map(|(i, (volts, turned, output))| {
             let checked = stalls.check(at, Volts(volts), turned, || output);

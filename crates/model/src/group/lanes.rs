@@ -2,6 +2,7 @@
 
 #![expect(
     clippy::inline_always,
+    clippy::needless_bitwise_bool,
     reason = "what is not inlined does not get the instructions of its caller"
 )]
 
@@ -196,7 +197,8 @@ impl<const N: usize> Lanes<N> {
         let twist = self.ratio * s.motor.angle - s.load.angle;
         let psi = self.torque(twist) + self.load_torque + s.load_torque;
         let slides = -s.load.sign * self.load.coulomb - self.load.viscous * s.load.velocity;
-        let stuck = |i: usize| s.load.sign[i] == 0.0 && self.load.free[i] == 0.0;
+        // No short cut, which would be a branch for each.
+        let stuck = |i: usize| (s.load.sign[i] == 0.0) & (self.load.free[i] == 0.0);
         let friction = (-psi).select(slides, stuck);
         (s.load.angle - friction / self.contact).0
     }

@@ -124,7 +124,10 @@ impl<const N: usize> States<N> {
     /// Sets the torques on the loads from outside beside the constant ones, N m.
     #[inline]
     pub fn set_load_torques(&mut self, torques: [f64; N]) {
-        self.load_torque = Each(torques);
+        // Most are none, from one cycle to the next: what is written number by number cannot be read as a vector at once.
+        if self.load_torque.0 != torques {
+            self.load_torque = Each(torques);
+        }
     }
 }
 

@@ -185,7 +185,7 @@ fn solve(
             }
             let x = output.to_share(record.output[k]);
             let mut row = [0.0; COLUMNS];
-            row[..PLAYS].copy_from_slice(state.plays());
+            row[..PLAYS].copy_from_slice(&state.plays(&model));
             row[OFFSET] = 1.0;
             let mut power = at_once[k];
             for cell in &mut row[CURVE..CURVE + degree - 1] {

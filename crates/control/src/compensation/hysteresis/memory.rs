@@ -19,8 +19,8 @@
 )]
 
 use super::{Invalid, Range};
+use pigtail_model::each::{Each, held};
 use serde::{Deserialize, Serialize};
-use wide::f64x4;
 
 /// Number of play operators, the first of which has no slack.
 pub(super) const PLAYS: usize = 24;
@@ -61,7 +61,10 @@ pub struct Memory {
 /// What a [`Memory`] remembers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MemoryState {
+    /// Where the plays are, but for those that are taken along: where these are follows from the voltage.
     plays: [f64; PLAYS],
+    /// Where the voltage is, which is where the play without slack is.
+    v: f64,
     /// `h` of these plays.
     sum: f64,
     /// The direction in which the voltage has gone of late, and how many plays it takes along.
@@ -79,20 +82,30 @@ pub struct MemoryState {
 }
 
 /// Sum of products, in four sums that do not wait for one another.
-#[inline]
+#[inline(always)]
 fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
-    let mut sums = f64x4::ZERO;
+    let mut sums = Each([0.0; 4]);
     for (a, b) in a.as_chunks::<4>().0.iter().zip(b.as_chunks::<4>().0) {
-        sums += f64x4::new(*a) * f64x4::new(*b);
+        sums = sums + Each(*a) * Each(*b);
     }
-    let [p, q, r, s] = sums.to_array();
+    let Each([p, q, r, s]) = sums;
     (p + q) + (r + s)
 }
 
 impl MemoryState {
-    /// How far each play has been taken along, in the model's unit of voltage.
-    pub fn plays(&self) -> &[f64; PLAYS] {
-        &self.plays
+    /// How far each play of a model has been taken along, in its unit of voltage.
+    pub(super) fn plays(&self, model: &Memory) -> [f64; PLAYS] {
+        let mut placed = *self;
+        placed.place(model);
+        placed.plays
+    }
+
+    /// Puts the plays that are taken along where the voltage has brought them.
+    fn place(&mut self, model: &Memory) {
+        let (direction, taken) = self.engaged;
+        for (play, slack) in self.plays[..taken].iter_mut().zip(&model.slack) {
+            *play = self.v - direction * slack;
+        }
     }
 
     /// Where each relaxation is.
@@ -217,6 +230,7 @@ impl Memory {
 
     /// Lets the plays follow the voltage `v`; `h`.
     fn follow(&self, state: &mut MemoryState, v: f64) -> f64 {
+        state.place(self);
         let mut moved = false;
         for (play, slack) in state.plays.iter_mut().zip(&self.slack) {
             let (low, high) = (v - slack, v + slack);
@@ -231,7 +245,7 @@ impl Memory {
         }
         if moved {
             state.sum = dot(&state.plays, &self.weights);
-            state.engaged = (0.0, 1);
+            (state.v, state.engaged) = (state.plays[0], (0.0, 1));
         }
         state.sum
     }
@@ -239,17 +253,17 @@ impl Memory {
     /// The voltage at which the plays add up to `h`, from where they are; its direction from there, and how many
     /// plays are taken along.
     #[inline(always)]
-    fn invert(&self, state: &MemoryState, h: f64) -> (f64, f64, usize) {
-        let direction = if h >= state.sum { 1.0 } else { -1.0 };
-        let mut left = (h - state.sum).abs();
-        // The play without slack is where the voltage is. Going on, one play after the other is
-        // taken along, for slacks rise: each makes the line steeper. Those that were taken along before are so
-        // until the voltage turns round.
-        let mut v = state.plays[0];
-        let mut taken = match state.engaged {
-            (before, taken) if before == direction => taken,
-            _ => 1,
-        };
+    fn invert(&self, state: &mut MemoryState, h: f64) -> (f64, f64, usize) {
+        let way = h - state.sum;
+        let (direction, mut left) = (1.0_f64.copysign(way), way.abs());
+        // Going on, one play after the other is taken along, for slacks rise: each makes the line steeper. Those that were
+        // taken along before are so until the voltage turns round.
+        let mut v = state.v;
+        let (before, mut taken) = state.engaged;
+        if before != direction {
+            state.place(self);
+            taken = 1;
+        }
         let mut slope = state.slopes[taken - 1];
         while taken < PLAYS {
             let next = state.plays[taken] + direction * self.slack[taken];
@@ -274,6 +288,35 @@ impl Memory {
             .of_share(u + dot(&self.shares, &state.relaxations))
     }
 
+    /// What has to come of the voltage at once, `u`, for a displacement that is wanted after `period` seconds, and the `h` that makes it.
+    #[inline(always)]
+    pub fn asked(&self, state: &mut MemoryState, wanted: f64, period: f64) -> (f64, f64) {
+        state.set_period(self, period);
+        // What the relaxations will have come to depends on u itself, linearly.
+        let crept = dot(&state.kept, &state.relaxations);
+        let u = (self.output.to_share(wanted) - crept) * state.share;
+        // Far beyond the range the static curve would turn back.
+        let (y, _) = self.bend(u.clamp(-1.5, 1.5));
+        (u, y - self.offset)
+    }
+
+    /// The voltage that brings about what was [`Self::asked`], within `limits`.
+    #[inline(always)]
+    pub fn answer(&self, state: &mut MemoryState, (u, h): (f64, f64), limits: &Range) -> f64 {
+        let (v, direction, taken) = self.invert(state, h);
+        let asked = self.input.of_share(v);
+        let volts = held(asked, limits.low, limits.high);
+        let u = if volts == asked && u.abs() <= RISES {
+            // What was asked for comes of it.
+            (state.v, state.sum, state.engaged) = (v, h, (direction, taken));
+            u
+        } else {
+            self.at_once(state, self.input.to_share(volts))
+        };
+        state.creep(u);
+        volts
+    }
+
     /// The voltage at which the displacement is the wanted one after `period` seconds, within
     /// `limits`.
     #[inline(always)]
@@ -284,28 +327,8 @@ impl Memory {
         period: f64,
         limits: &Range,
     ) -> f64 {
-        state.set_period(self, period);
-        // What the relaxations will have come to depends on u itself, linearly.
-        let crept = dot(&state.kept, &state.relaxations);
-        let u = (self.output.to_share(wanted) - crept) * state.share;
-        // Far beyond the range the static curve would turn back.
-        let (y, _) = self.bend(u.clamp(-1.5, 1.5));
-        let h = y - self.offset;
-        let (v, direction, taken) = self.invert(state, h);
-        let asked = self.input.of_share(v);
-        let volts = asked.clamp(limits.low, limits.high);
-        let u = if volts == asked && u.abs() <= RISES {
-            // What was asked for comes of it.
-            for (play, slack) in state.plays[..taken].iter_mut().zip(&self.slack) {
-                *play = v - direction * slack;
-            }
-            (state.sum, state.engaged) = (h, (direction, taken));
-            u
-        } else {
-            self.at_once(state, self.input.to_share(volts))
-        };
-        state.creep(u);
-        volts
+        let asked = self.asked(state, wanted, period);
+        self.answer(state, asked, limits)
     }
 
     /// The state of a piezo cycled with falling amplitude around the middle of its range, and at
@@ -322,6 +345,7 @@ impl Memory {
     fn resting(&self, plays: [f64; PLAYS]) -> MemoryState {
         let sum = dot(&plays, &self.weights);
         MemoryState {
+            v: plays[0],
             plays,
             sum,
             engaged: (0.0, 1),
