@@ -153,9 +153,21 @@ pub(crate) fn without_unit(name: &str) -> &str {
     over_unit(cut).map_or(cut, |(symbol, _)| symbol.trim())
 }
 
-/// A unit that the name of a column of lengths, forces or volts ends with, but none of ours: what is in it is not SI.
+/// A unit that the name of a column ends with, but none of ours: what is in it is not SI.
 pub(crate) fn foreign<'a>(name: &'a str, of: &[Dimension]) -> Option<&'a str> {
     const COUNTS: [&str; 3] = ["counts", "cts", "ticks"];
+    // Drives write torque, current and voltage so, of what they are rated for, which no record says.
+    const SHARES: [&str; 9] = [
+        "pct",
+        "percent",
+        "perc",
+        "prozent",
+        "permille",
+        "promille",
+        "pu",
+        "normalized",
+        "normalised",
+    ];
     let own = |si: &str| -> &[&str] {
         match si {
             "m" => &[
@@ -170,7 +182,8 @@ pub(crate) fn foreign<'a>(name: &'a str, of: &[Dimension]) -> Option<&'a str> {
     ending(name).filter(|unit| {
         let unit = unit.to_lowercase();
         let counts = COUNTS.contains(&&*unit) && !counted && ["m", "N", "V"].contains(&of[0].si());
-        counts || of.iter().any(|d| own(d.si()).contains(&&*unit))
+        let share = (SHARES.contains(&&*unit) || unit.starts_with('%')) && !counted;
+        counts || share || of.iter().any(|d| own(d.si()).contains(&&*unit))
     })
 }
 
