@@ -3,7 +3,7 @@
 pub use crate::table::{Gaps, Numbers, Table};
 pub use crate::units::LengthUnit;
 pub(crate) use crate::units::{
-    CURRENT, DIMENSIONS, OTHER_UNITS, TIME, ending, foreign, of_name, unit_of, without_unit,
+    CURRENT, DIMENSIONS, OTHER_UNITS, TIME, ending, foreign, of_name, share, unit_of, without_unit,
 };
 use pigtail_hal::Error;
 use pigtail_hal::quantity::{Dimension, RATIO};

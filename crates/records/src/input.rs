@@ -1,6 +1,6 @@
 //! What drives a simulation, from a file: a value from each moment on.
 
-use crate::columns::{self, Named, TIME, Table, Wanted, without_unit};
+use crate::columns::{self, Named, TIME, Table, Wanted, share, without_unit};
 use pigtail_hal::Error;
 use pigtail_hal::quantity::{ANGLE, Dimension, LENGTH, RATIO, VOLTAGE};
 use pigtail_numerics::signal::quantile;
@@ -144,10 +144,12 @@ pub fn read(path: &Path, kind: Kind, chosen: &Chosen) -> Result<Input, Error> {
         },
     ];
     let mut read = columns::read(&table, &list)?;
+    let other = || {
+        let unit = table.unit(table.place(value.name()).ok()?);
+        unit.filter(|unit| !RATIO.units.iter().any(|(own, _)| own == unit))
+    };
     if read[1].dimension == RATIO
-        && let Ok(place) = table.place(value.name())
-        && let Some(unit) = table.unit(place)
-        && !RATIO.units.iter().any(|(own, _)| *own == unit)
+        && let Some(unit) = other().or_else(|| share(value.name()))
     {
         let message = format!("is in {unit}; accepted are counts, lengths or angles");
         return Err(table.error(value.name(), message));

@@ -153,7 +153,24 @@ pub(crate) fn without_unit(name: &str) -> &str {
     over_unit(cut).map_or(cut, |(symbol, _)| symbol.trim())
 }
 
-/// A unit that the name of a column of lengths, forces or volts ends with, but none of ours: what is in it is not SI.
+/// A per cent, or a share in words, that the name of a column ends with. Drives write torque, current and voltage so, of what they are rated
+/// for, which no record says.
+pub(crate) fn share(name: &str) -> Option<&str> {
+    const SHARES: [&str; 9] = [
+        "pct",
+        "percent",
+        "perc",
+        "prozent",
+        "permille",
+        "promille",
+        "pu",
+        "normalized",
+        "normalised",
+    ];
+    ending(name).filter(|unit| unit.starts_with('%') || SHARES.contains(&&*unit.to_lowercase()))
+}
+
+/// A unit that the name of a column ends with, but none of ours: what is in it is not SI.
 pub(crate) fn foreign<'a>(name: &'a str, of: &[Dimension]) -> Option<&'a str> {
     const COUNTS: [&str; 3] = ["counts", "cts", "ticks"];
     let own = |si: &str| -> &[&str] {
@@ -170,7 +187,8 @@ pub(crate) fn foreign<'a>(name: &'a str, of: &[Dimension]) -> Option<&'a str> {
     ending(name).filter(|unit| {
         let unit = unit.to_lowercase();
         let counts = COUNTS.contains(&&*unit) && !counted && ["m", "N", "V"].contains(&of[0].si());
-        counts || of.iter().any(|d| own(d.si()).contains(&&*unit))
+        let share = share(name).is_some() && !counted;
+        counts || share || of.iter().any(|d| own(d.si()).contains(&&*unit))
     })
 }
 

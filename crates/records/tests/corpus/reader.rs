@@ -231,6 +231,11 @@ fn habits_of_other_tools_are_read_or_refused_in_words() {
             "no unit that is read here",
         ),
         (
+            plain.replace("q_m", "q_percent"),
+            "q_percent",
+            "no unit that is read here",
+        ),
+        (
             plain.replace("q_m", "q [counts]"),
             "q [counts]",
             "no unit that is read here",

@@ -253,7 +253,8 @@ fn saturation(volts: &[f64], remarks: &mut Vec<String>) -> Result<(), Unknown> {
             .any(|full| (most / full - 1.0).abs() < 1e-5)
         {
             remarks.push(format!(
-                "a bound of {most:.0} is that of a drive that writes a share or per cent of its rated voltage: if this one does, what it tells                  of inertia and friction is in other units"
+                "a bound of {most:.0} is that of a drive that writes a share or per cent of its rated voltage: if this one does, what it tells of \
+                 inertia and friction is in other units"
             ));
         }
     }
