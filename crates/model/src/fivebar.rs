@@ -115,8 +115,9 @@ impl Turning {
 ///         assert!((x[k] - anew.0).abs() < 1e-16 && (y[k] - anew.1).abs() < 1e-16);
 ///     }
 /// }
-/// // Elbows that are too far apart.
-/// assert!(five_bars.forward([Each([3.1; 2]), Each([0.0; 2])]).0[0].is_nan());
+/// // Elbows that are too far apart for distal links that are shorter.
+/// let mut short = FiveBars::new([FiveBar::new(0.04, 0.045, 0.06)?; 2]);
+/// assert!(short.forward([Each([3.1; 2]), Each([0.0; 2])]).0[0].is_nan());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
