@@ -139,6 +139,8 @@ fn compared(line: &str) -> String {
     static CHANGING: LazyLock<Vec<(Regex, &str)>> = LazyLock::new(|| {
         [
             (r"\d{8}T\d{6}(-\d{3,})?", "RUN"),
+            // A second run of its kind within a second.
+            (r"(RUN(?:-[a-z]+)*-\d+)-\d+\b", "$1"),
             (r"\d{4}-\d{2}-\d{2}( \d{2}:\d{2}(:\d{2})?)?", "DATE"),
             (r"\b[0-9a-f]{8,64}\b", "HASH"),
             (r"[0-9.]+ s here, [0-9.]+ devices/s", "SPEED"),
