@@ -158,7 +158,11 @@ impl<'r> Shared<'r> {
             &[]
         };
         let passes = passes.iter().filter(|pass| seen || pass.sensing == 0.0);
+        let latest = cell.now() + fast.retry.longest;
         for (attempt, pass) in passes.enumerate() {
+            if cell.is_past(latest) {
+                break;
+            }
             if seen && attempt == 1 {
                 self.down_to_the_top(cell).await?;
             }

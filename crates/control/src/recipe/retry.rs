@@ -14,6 +14,9 @@ pub struct Retry {
     /// The passes of a search, one after the other. An output, which no sensing fiber sees, has no passes that differ in where that
     /// stands.
     pub passes: Vec<Pass>,
+    /// How long the passes of one fiber may have taken for another to begin, seconds: lines of micros that swing long take minutes.
+    #[serde(with = "quantity::PositiveTime")]
+    pub longest: f64,
     /// Bright places that were no peak, at most, until a pass ends.
     pub dismissed: u32,
     /// How often a peak that is not come to is circled once more...
@@ -125,6 +128,7 @@ impl Default for Retry {
                 tall_and_slow(0.6, 0.0),
                 tall_and_slow(-0.6, 0.0),
             ],
+            longest: 600.0,
             dismissed: 5,
             centre: 2,
             wider: 2.0,

@@ -171,7 +171,7 @@ pub struct HysteresisDocument {
     /// Errors on what was held back; not in a prediction.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub held_back: Option<Part>,
-    /// By how much displacement lags behind voltage, milliseconds; below zero where the voltage of a row was read after its displacement.
+    /// By how much displacement lags behind voltage, milliseconds.
     pub lag_ms: f64,
     /// What was taken off the prediction, for a sensor's zero is arbitrary; only in a prediction.
     #[serde(skip_serializing_if = "Option::is_none")]

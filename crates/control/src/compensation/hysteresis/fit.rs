@@ -88,53 +88,34 @@ pub fn fit_memory(
 }
 
 /// The lag up to ten samples that fits best, by golden section. A curve that leans is enough to
-/// find it. It is told by the whole model: by one of a lower power, or without all of its creep, what that leaves passes for a lag.
+/// find it, and creep changes nothing about it.
 ///
 /// Beyond half a way a motion to and fro comes back to where it was: what a lag leaves has more than one least, and none where displacement
 /// falls with the voltage that much later. Lags up to a way are tried there before.
-///
-/// A voltage that is read after the displacement of its row is late by a part of a sample. Amplifiers and sensors make no such lag, and
-/// where all goes at one rate the loops' shape passes for some of one: it is believed only where it leaves far less.
 fn best_lag(record: &Record, to: usize, creep: Creep) -> f64 {
     /// Sample periods.
     const PERIODS: f64 = 10.0;
     /// Of the longest lag: a hundredth of a sample.
     const ACCURATE: f64 = 1e-3;
     const TRIED: usize = 8;
-    /// Of what is left without it: the rest is what it explains, which is as much as half of that. Chosen after records at one rate had
-    /// left 0.96 to 0.99, and others 0.34 to 0.71.
-    const FAR_LESS: f64 = 0.9;
-    let period = record.period();
-    let left = |lag: f64| {
-        solve(record, to, DEGREE, lag, creep, ROUNDS).map_or(f64::INFINITY, |(error, _)| error)
-    };
-    let samples = PERIODS * period;
+    let samples = PERIODS * record.period();
+    let left =
+        |lag: f64| solve(record, to, 2, lag, creep, 1).map_or(f64::INFINITY, |(error, _)| error);
     let way = record.way().unwrap_or(f64::INFINITY);
-    let late = if samples <= 0.5 * way {
-        least((0.0, samples), ACCURATE * samples, left)
-    } else {
-        let longest = samples.min(way);
-        let step = longest / TRIED as f64;
-        let near = (0..=TRIED)
-            .map(|k| step * k as f64)
-            .min_by(|a, b| left(*a).total_cmp(&left(*b)))
-            .unwrap_or(0.0);
-        least(
-            ((near - step).max(0.0), near + step),
-            ACCURATE * longest,
-            left,
-        )
-    };
-    // None at all, or less.
-    if late > 0.1 * period {
-        return late;
+    if samples <= 0.5 * way {
+        return least((0.0, samples), ACCURATE * samples, left);
     }
-    let early = least((-period, 0.0), ACCURATE * samples, left);
-    if left(early) < FAR_LESS * left(late) {
-        early
-    } else {
-        late
-    }
+    let longest = samples.min(way);
+    let step = longest / TRIED as f64;
+    let near = (0..=TRIED)
+        .map(|k| step * k as f64)
+        .min_by(|a, b| left(*a).total_cmp(&left(*b)))
+        .unwrap_or(0.0);
+    least(
+        ((near - step).max(0.0), near + step),
+        ACCURATE * longest,
+        left,
+    )
 }
 
 /// Rounds in which creep follows what the round before found.

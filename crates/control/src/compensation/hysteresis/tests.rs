@@ -181,15 +181,13 @@ fn a_model_with_memory_is_recovered_from_its_own_data() {
 fn a_lag_is_found() {
     let truth = memory();
     let record = record_of(&truth, &rich_path(), 0.01);
-    // The record as it would be had the displacement come two and a half samples later, or half a one earlier.
-    for lag in [0.025, -0.005] {
-        let late: Vec<f64> = (0..record.len())
-            .map(|k| interpolated(&record.time, &record.output, k, lag))
-            .collect();
-        let late = Record::new(record.time.clone(), record.input.clone(), late).unwrap();
-        let found = fit_memory(&late, late.len(), None, Creep::Any).unwrap();
-        assert!((found.lag - lag).abs() < 0.003, "{} for {lag}", found.lag);
-    }
+    // The record as it would be had the displacement come two and a half samples later.
+    let late: Vec<f64> = (0..record.len())
+        .map(|k| interpolated(&record.time, &record.output, k, 0.025))
+        .collect();
+    let late = Record::new(record.time.clone(), record.input.clone(), late).unwrap();
+    let found = fit_memory(&late, late.len(), None, Creep::Any).unwrap();
+    assert!((found.lag - 0.025).abs() < 0.003, "{}", found.lag);
 }
 
 #[test]
