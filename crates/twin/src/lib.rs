@@ -25,6 +25,7 @@ pub mod bench;
 mod broken;
 mod drive;
 pub mod faults;
+mod fluctuation;
 mod joints;
 mod light;
 mod linkage;
@@ -40,6 +41,7 @@ pub mod unrest;
 
 use broken::Broken;
 use drive::Drives;
+use fluctuation::Fluctuation;
 use light::{FiberInHolder, LightPath, Optics, Tips};
 use manipulator::Manipulator;
 use pigtail_hal::quantity::Volts;
@@ -53,7 +55,7 @@ use pigtail_model::instructions::{Instructions, Work};
 pub use plant::Plant;
 use plant::{AdhesivePlant, HandlingPlant, TemperaturePlant, ThermalPlant};
 use production::Production;
-use rand::{Rng, SeedableRng};
+use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use sensors::{Bias, Camera, Held, Photodiodes, Seen, normal};
 use setting::{Floor, Late};
@@ -129,35 +131,6 @@ struct Setting {
     sum: [f64; 3],
     /// Cycles so far.
     cycles: u32,
-}
-
-/// A slow relative fluctuation: an Ornstein-Uhlenbeck process around one.
-#[derive(Debug, Clone)]
-struct Fluctuation {
-    decay: f64,
-    kick: f64,
-    deviation: f64,
-}
-
-impl Fluctuation {
-    fn new(rms: f64, bandwidth: f64, period: f64, rng: &mut impl Rng) -> Self {
-        let decay = (-std::f64::consts::TAU * bandwidth * period).exp();
-        Self {
-            decay,
-            kick: rms * (1.0 - decay * decay).sqrt(),
-            deviation: rms * normal(rng),
-        }
-    }
-
-    #[inline(always)]
-    #[expect(
-        clippy::inline_always,
-        reason = "what is not inlined does not get the instructions of its caller"
-    )]
-    fn next(&mut self, rng: &mut impl Rng) -> f64 {
-        self.deviation = self.decay * self.deviation + self.kick * normal(rng);
-        (1.0 + self.deviation).max(0.0)
-    }
 }
 
 /// Why a twin cannot be built from a plant.

@@ -186,14 +186,18 @@ mod tests {
             .collect()
     }
 
+    /// After how much of what was seen there is a top, and that.
+    fn passed(seen: &[(f64, f64)], core: f64) -> (usize, Top) {
+        (1..=seen.len())
+            .find_map(|n| Some((n, top_below(&seen[..n], core)?)))
+            .expect("an edge")
+    }
+
     #[test]
     fn the_top_is_where_half_of_the_light_is_left() {
         let core = 50e-6;
         let rise = rise(core);
-        let n = (1..=rise.len())
-            .find(|n| top_below(&rise[..*n], core).is_some())
-            .expect("an edge");
-        let mut top = top_below(&rise[..n], core).expect("the same");
+        let (n, mut top) = passed(&rise, core);
         assert!(top.y.abs() < 6e-6, "{}", top.y);
         assert!(top.fluctuation < 0.01, "{}", top.fluctuation);
         assert!(!top.is_below(&rise[..n], 1e-3));
@@ -207,10 +211,7 @@ mod tests {
     fn little_light_tells_how_high_a_core_stands() {
         let core = 50e-6;
         let rise = rise(core);
-        let n = (1..=rise.len())
-            .find(|n| top_below(&rise[..*n], core).is_some())
-            .expect("an edge");
-        let top = top_below(&rise[..n], core).expect("the same");
+        let (_, top) = passed(&rise, core);
         for (y, light) in &rise[32..49] {
             assert!((top.height_of(*light, core) - y).abs() < 0.2e-6, "{y}");
         }
@@ -227,10 +228,7 @@ mod tests {
         for sample in rise.iter_mut().filter(|s| (-71e-6..-54e-6).contains(&s.0)) {
             sample.1 *= 0.4;
         }
-        let n = (1..=rise.len())
-            .find(|n| top_below(&rise[..*n], core).is_some())
-            .expect("what looks like an edge");
-        let mut top = top_below(&rise[..n], core).expect("the same");
+        let (n, mut top) = passed(&rise, core);
         assert!(top.y < -50e-6);
         for k in n..=rise.len() {
             top.rise(&rise[..k]);

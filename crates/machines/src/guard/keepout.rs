@@ -9,16 +9,19 @@
 
 mod crossed;
 mod seen;
+mod stand;
 
 use crossed::Crossed;
 pub(super) use seen::Surprise;
+use stand::hidden_by_piezos;
+pub(super) use stand::{Stand, Way};
 
 use super::Geometry;
 use super::across::Across;
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{GuardSpec, HolderSpec, MICRO_AXES, SIDES};
 use pigtail_hal::{Axis, Measurement, Side, Spec};
-use pigtail_model::frames::{Chip, Displacement, Macro, Point};
+use pigtail_model::frames::{Chip, Displacement, Point};
 
 /// So many times longer than it takes to settle a piezo may be seen to swing.
 const LATE: usize = 4;
@@ -31,9 +34,9 @@ const EVERY: usize = 4;
 const CROSS: f64 = 0.15;
 /// How far beside its port the light may be, and vision's noise, metres.
 const BESIDE: f64 = 8e-6;
-/// An output that runs so much farther ahead of its motor than where vision saw its tip runs away from it, metres: what vision saw is as old as that.
+/// An output that is so much farther ahead of its motor than it was when vision saw its tip runs away from it, metres. A choice.
 const RUNS: f64 = 1e-6;
-/// Half as far beside the port as its light may be the rim of a circle is that a tip goes on, metres: the facet stands out more there. A choice.
+/// How far beside its port a tip on a circle may be then, where the facet stands out more, metres: half as far as its light may be. A choice.
 const RIM: f64 = 0.5 * BESIDE;
 /// A tip is near to the chip within this, metres: within less than a millimetre across, which a joint whose encoder is stuck goes before it is
 /// stopped, the facet stands out by as much. A choice.
@@ -101,42 +104,6 @@ struct Led {
     x: f64,
     /// Whether that was in the light of a port by all that is known.
     in_light: bool,
-}
-
-/// Where the manipulators stand in a cycle.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Stand {
-    /// When that was, seconds.
-    pub(super) time: f64,
-    /// Endpoint in its own frame, metres.
-    pub(super) endpoint: Point<Macro>,
-    /// Angles of its five-bar's outputs by their probes, radians, where the rig has them.
-    probed: Option<[f64; 2]>,
-    /// How far ahead of where its motor has it the z-stage is by its probe, towards the chip, metres; nothing on a rig without.
-    pub(super) ahead: f64,
-    /// The whole way that it has gone in x and in y, to and fro, metres.
-    gone: [f64; 2],
-    /// What its micro was told to add to that.
-    micro: Displacement,
-    /// Where the tip of a fiber without fault would be, chip's frame, metres.
-    pub(super) tip: Point<Chip>,
-}
-
-/// How far an endpoint has gone of late, metres, in its own frame.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Way {
-    /// Across, within [`WHILE`] cycles.
-    pub(super) across: f64,
-    /// The same along.
-    pub(super) along: f64,
-    /// Along, within [`AT_ONCE`] cycles.
-    at_once: f64,
-}
-
-/// What piezos may have kept to themselves of the way between two stands, metres: nothing sees where they are.
-#[inline(always)]
-fn hidden_by_piezos(now: &Stand, then: &Stand) -> f64 {
-    GuardSpec::HYSTERESIS * (now.micro - then.micro).norm()
 }
 
 /// All tips, and where the holders were of late.
@@ -593,7 +560,7 @@ impl Keepout {
                     Some(led) if in_light => ((x - led.x) * facet.stands_out).max(0.0),
                     _ => 0.0,
                 };
-                // Nor is it known in time that it is at the near rim of its circle, where nobody but an output tells how near it comes.
+                // One that runs away may be at the near rim of its circle: where it was led there it was somewhere on it.
                 let rim = if in_light && ahead > RUNS {
                     RIM * facet.stands_out.abs()
                 } else {
@@ -617,10 +584,11 @@ impl Keepout {
                 self.clearances[i] = self.clearances[i].min(clearance - forward);
                 // An output that is behind its motor may be the faster of both, and that from farther away.
                 let (stop, stop_output) = (forward + stop, ahead + stop_output);
-                let stop = if stop > stop_output {
-                    stop
-                } else {
+                // What a probe does not tell is no number, and does not hide what the encoders do.
+                let stop = if stop_output > stop {
                     stop_output
+                } else {
+                    stop
                 };
                 let clearance = clearance - stop - across;
                 if clearance < nearest.clearance {
