@@ -37,9 +37,12 @@ impl ConicalScan<'_> {
 
     /// That there is no peak but at most this one, which does not stand out or is too far.
     pub(super) fn lost(&self, phase: &'static str, peak: Option<&Peak>, gap: f64) -> Halt {
+        let level = peak.map_or(0.0, |peak| peak.full * self.beam.share(gap));
+        // Of one far beside the circle any light may be made.
+        let seen = self.readings.iter().map(|reading| reading.volts);
         Outcome::LightLost {
             phase,
-            level: peak.map_or(0.0, |peak| peak.full * self.beam.share(gap)),
+            level: level.min(seen.fold(0.0, f64::max)),
             expected: TUNING.circle.significant * self.watch.noise,
         }
         .into()
