@@ -1,5 +1,6 @@
 //! The ways to the chip, and where the tips are seen to be on them.
 
+use super::gap::least_gap;
 use super::seen::{Top, dark, top_below};
 use super::{Look, Shared};
 use crate::cell::{AlignmentCell, eased};
@@ -126,7 +127,7 @@ impl Aim {
 }
 
 /// Lets something be done while the tip of a fiber stays where it is, before its port: as chip and holders warm they come nearer to each other, and what
-/// is done may take minutes where light is dim.
+/// is done may take minutes where light is dim. Where vision has it nearer than light does, who guards the machine stops it before it has come that near.
 ///
 /// # Errors
 ///
@@ -149,9 +150,11 @@ pub(super) async fn kept_off<T>(
             while !done.get() && !cell.is_past(by) {
                 cell.next(by).await?;
             }
-            let nearer = first - aim.gap(cell);
-            if nearer > TUNING.gap.kept_off && !done.get() {
-                let away = cell.wanted(aim.side).shifted(0.0, 0.0, -nearer);
+            let gap = aim.gap(cell);
+            let (nearer, short) = (first - gap, least_gap(cell, aim, gap) - gap);
+            let spent = short > (1.0 - TUNING.gap.left) * TUNING.gap.stop;
+            if (spent || nearer > TUNING.gap.kept_off) && !done.get() {
+                let away = cell.wanted(aim.side).shifted(0.0, 0.0, -nearer.max(short));
                 cell.start_line(aim.side, away, None)?;
             }
         }

@@ -352,7 +352,7 @@ fn nearest(cell: &AlignmentCell<'_>, aim: &Aim, gap: f64) -> f64 {
 }
 
 /// The same for a tip that moves slowly, metres.
-fn least_gap(cell: &AlignmentCell<'_>, aim: &Aim, gap: f64) -> f64 {
+pub(super) fn least_gap(cell: &AlignmentCell<'_>, aim: &Aim, gap: f64) -> f64 {
     nearest(cell, aim, gap) + TUNING.gap.stop
 }
 

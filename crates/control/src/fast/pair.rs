@@ -94,9 +94,15 @@ async fn hold_both<'r>(
             ];
             match asked {
                 Asked::Swings => {
-                    for tip in &mut tips {
-                        tip.come_back(cell, shared.fast.conical_scan.radius).await?;
-                        tip.job.dynamics = tip.swings(cell).await?;
+                    let others = others(&tips);
+                    for (tip, other) in tips.iter_mut().zip(others) {
+                        let radius = shared.fast.conical_scan.radius;
+                        let looks = async {
+                            tip.come_back(cell, radius).await?;
+                            tip.job.dynamics = tip.swings(cell).await?;
+                            Ok(())
+                        };
+                        kept_off(cell, &other, Box::pin(looks)).await?;
                     }
                     Ok(())
                 }
@@ -122,6 +128,12 @@ async fn hold_both<'r>(
     (report.shaking, report.spread) = (input.shakes(), input.spread);
     report.dynamics = input.dynamics;
     vec![report, output]
+}
+
+/// Of each tip where the other one waits meanwhile.
+fn others(tips: &[HeldTip<'_, '_, '_>; SIDES]) -> [Aim; SIDES] {
+    let [a, b] = tips.each_ref().map(|tip| Aim::at_fiber(tip.job));
+    [b, a]
 }
 
 /// The same recipe for fibers from which only light is wanted.
@@ -205,19 +217,20 @@ impl Shared<'_> {
         (seconds, tolerance): (f64, f64),
     ) -> Result<(), Halt> {
         let radius = self.fast.conical_scan.radius;
+        let others = others(&tips);
         for _ in 0..TUNING.pair.times {
             let each = tips.each_ref().map(|tip| tip.scan.shaking());
             if each.iter().all(|shaking| shaking.is_told(tolerance)) {
                 break;
             }
-            for tip in &mut tips {
-                tip.come_back(cell, radius).await?;
-            }
-            for tip in &mut tips {
+            come_back(cell, &mut tips, radius).await?;
+            for (tip, other) in tips.iter_mut().zip(others) {
                 let rate = cell.caps().channels[tip.scan.meter().0].rate;
                 let samples = (seconds * rate).round() as usize;
                 if !tip.scan.shaking().is_told(tolerance) {
-                    tip.scan.watch_shaking(cell, tip.gap, samples).await?;
+                    let aim = Aim::at_fiber(tip.job);
+                    let watched = Box::pin(tip.scan.watch_shaking(cell, tip.gap, samples));
+                    kept_off(cell, &aim, Box::pin(kept_off(cell, &other, watched))).await?;
                     tip.job.has_shaken(tip.scan.shaking());
                 }
             }
@@ -227,17 +240,16 @@ impl Shared<'_> {
             if self.vision_tells(cell) || all_known(&tips) {
                 break;
             }
-            for tip in &mut tips {
-                tip.come_back(cell, radius).await?;
-            }
-            for tip in &mut tips {
+            come_back(cell, &mut tips, radius).await?;
+            for (tip, other) in tips.iter_mut().zip(others) {
                 if tip.spreads() {
                     continue;
                 }
                 let aim = Aim::at_fiber(tip.job);
                 tip.scan.set_radius(radius);
-                self.come_close(tip.job, cell, &aim, &mut tip.scan, tip.before)
-                    .await?;
+                let (job, scan) = (&mut *tip.job, &mut tip.scan);
+                let close = self.come_close(job, cell, &aim, scan, tip.before);
+                kept_off(cell, &other, Box::pin(close)).await?;
                 tip.told.extend(tip.job.spread.take());
                 tip.job.spread = Spread::of_one(&tip.told);
                 // The other tip is looked at by light that no circle stirs.
@@ -247,4 +259,17 @@ impl Shared<'_> {
         }
         Ok(())
     }
+}
+
+/// Both tips to where their peaks are by now, one after the other.
+async fn come_back(
+    cell: &AlignmentCell<'_>,
+    tips: &mut [HeldTip<'_, '_, '_>; SIDES],
+    radius: f64,
+) -> Result<(), Halt> {
+    let others = others(tips);
+    for (tip, other) in tips.iter_mut().zip(others) {
+        kept_off(cell, &other, Box::pin(tip.come_back(cell, radius))).await?;
+    }
+    Ok(())
 }

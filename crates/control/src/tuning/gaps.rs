@@ -23,6 +23,8 @@ topic! {
         upward: f64 = 5e-6, "m", Choice;
         /// A fiber that waits is taken away from the chip where vision sees it so much nearer than it was...
         kept_off: f64 = 0.5e-6, "m", Choice;
+        /// ...or where no more than this share is left of what it keeps off the gap at which the guard stops it...
+        left: f64 = 0.5, "1", Choice;
         /// ...as often as this: vision is to have seen what came of the last time.
         kept_every: f64 = 1.0, "s", Choice;
         /// For how long vision may look at a tip at the chip where it could then know the gap: the light would take as long to tell
