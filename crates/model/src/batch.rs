@@ -1,9 +1,11 @@
 //! Any number of joints stepped side by side: machines by the dozen, trials of gains, the particles of a filter.
 
+use crate::each::Way;
 use crate::group::{self, Block, Group, Pools, States};
 use crate::instructions::Instructions;
 use crate::joint::{Joint, JointState};
 use pulp::{Simd, WithSimd};
+use std::marker::PhantomData;
 
 /// So many joints make one [`Group`]: as many numbers as the widest vector holds.
 pub const LANES: usize = group::LANES;
@@ -50,6 +52,7 @@ pub const LANES: usize = group::LANES;
 pub struct Batch {
     blocks: Vec<Block>,
     joints: usize,
+    spring: Spring,
     /// `None` without a joint.
     pools: Option<Box<Pools>>,
 }
@@ -73,6 +76,11 @@ impl Batch {
                 .map(|some| Box::new(Pools::new(&some.group, cycle))),
             blocks,
             joints: joints.len(),
+            spring: joints
+                .iter()
+                .map(Spring::of)
+                .max()
+                .unwrap_or(Spring::Linear),
         }
     }
 
@@ -95,7 +103,8 @@ impl Batch {
         self.advance_by(Instructions::widest(), voltages);
     }
 
-    /// The same by instructions of one's choice, to the same bits.
+    /// The same by instructions of one's choice: to the same bits by all that fuse a product and a sum, and by SSE2, which has nothing
+    /// that does, to 1e-3 nm at a tip.
     ///
     /// # Panics
     ///
@@ -107,6 +116,7 @@ impl Batch {
                 pools,
                 blocks: &mut self.blocks,
                 voltages,
+                spring: self.spring,
             });
         }
     }
@@ -161,6 +171,7 @@ struct Cycle<'a> {
     pools: &'a mut Pools,
     blocks: &'a mut [Block],
     voltages: &'a [f64],
+    spring: Spring,
 }
 
 impl WithSimd for Cycle<'_> {
@@ -172,7 +183,47 @@ impl WithSimd for Cycle<'_> {
         reason = "what is not inlined does not get the instructions of its caller"
     )]
     fn with_simd<S: Simd>(self, _: S) {
+        let Self {
+            pools,
+            blocks,
+            voltages,
+            spring,
+        } = self;
         let wide = S::F64_LANES >= LANES;
-        self.pools.advance(self.blocks, self.voltages, wide);
+        match spring {
+            Spring::Linear => pools.advance::<By<S, false, false>>(blocks, voltages, wide),
+            Spring::Hardens => pools.advance::<By<S, true, false>>(blocks, voltages, wide),
+            Spring::Bends => pools.advance::<By<S, true, true>>(blocks, voltages, wide),
+        }
+    }
+}
+
+/// By the instructions `S`: of those for which programs are built here all but SSE2 fuse.
+struct By<S, const HARDENS: bool, const BENDS: bool>(PhantomData<S>);
+
+impl<S: Simd, const HARDENS: bool, const BENDS: bool> Way for By<S, HARDENS, BENDS> {
+    const FUSED: bool = S::F64_LANES > 2 || cfg!(target_arch = "aarch64");
+    const HARDENS: bool = HARDENS;
+    const BENDS: bool = BENDS;
+}
+
+/// What the transmissions of a batch have of what one may have: the less, the shorter is the chain of operations from one torque to the next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Spring {
+    Linear,
+    Hardens,
+    Bends,
+}
+
+impl Spring {
+    fn of(joint: &Joint) -> Self {
+        let transmission = &joint.parameters().transmission;
+        if transmission.bend() < f64::INFINITY {
+            Self::Bends
+        } else if transmission.cubic() > 0.0 {
+            Self::Hardens
+        } else {
+            Self::Linear
+        }
     }
 }

@@ -15,6 +15,16 @@ pub fn held(number: f64, low: f64, high: f64) -> f64 {
     if number > high { high } else { number }
 }
 
+/// How joints are worked out side by side: what of it is known when the program is compiled.
+pub(crate) trait Way {
+    /// Products and sums are one operation, and rounded once.
+    const FUSED: bool;
+    /// There are transmissions that harden...
+    const HARDENS: bool;
+    /// ...and some of them to a bound.
+    const BENDS: bool;
+}
+
 /// `N` numbers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(align(32))]
@@ -66,6 +76,24 @@ impl<const N: usize> Each<N> {
     #[must_use]
     pub fn max(self, other: Self) -> Self {
         self.with(other, |a, b| if a > b { a } else { b })
+    }
+
+    /// These and products: of which each is rounded before it is added where it is worked out [apart](Way::FUSED).
+    #[inline(always)]
+    pub(crate) fn plus<W: Way>(self, by: Self, of: Self) -> Self {
+        Self::of(|i| {
+            if W::FUSED {
+                by.0[i].mul_add(of.0[i], self.0[i])
+            } else {
+                self.0[i] + by.0[i] * of.0[i]
+            }
+        })
+    }
+
+    /// These less products.
+    #[inline(always)]
+    pub(crate) fn less<W: Way>(self, by: Self, of: Self) -> Self {
+        self.plus::<W>(-by, of)
     }
 
     /// Whether any is below zero.

@@ -29,8 +29,8 @@ impl<W: Work> WithSimd for Op<W> {
 
 /// A set of vector instructions that this machine has.
 ///
-/// All of them add and multiply alike, and none is fused here: what is worked out by one is, to the last bit, what
-/// is worked out by another.
+/// All of them add and multiply alike, and nothing is fused but in a [`Batch`](crate::batch::Batch): what else is worked out by one
+/// is, to the last bit, what is worked out by another.
 #[derive(Debug, Clone, Copy)]
 pub struct Instructions(Set);
 

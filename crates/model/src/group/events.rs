@@ -13,7 +13,7 @@
 
 use super::lanes::{Accelerations, Angles, Bodies, Course, Ends, Input, Lanes};
 use super::{Moving, States};
-use crate::each::Each;
+use crate::each::{Each, Way};
 use crate::integrate::LAST_STEP;
 use crate::joint::BREAK_AWAY_DELAY;
 use crate::nystrom::{LAGRANGE, POINTS, SERIES};
@@ -35,14 +35,16 @@ struct Motions<const N: usize> {
 /// What torques at the points of a step are at its start, and their derivatives there. In steps of which so many make
 /// a second.
 #[inline(always)]
-fn derivatives<const N: usize>(torques: &[Each<N>; POINTS], rate: Each<N>) -> [Each<N>; POINTS] {
+fn derivatives<W: Way, const N: usize>(
+    torques: &[Each<N>; POINTS],
+    rate: Each<N>,
+) -> [Each<N>; POINTS] {
     // The first point is the start.
     let mut all = *torques;
     let mut scale = rate;
     for (k, sum) in all.iter_mut().enumerate().skip(1) {
-        let l: [f64; POINTS] = std::array::from_fn(|j| LAGRANGE[POINTS - 1][j][k]);
-        *sum = scale
-            * ((l[0] * torques[0] + l[1] * torques[1]) + (l[2] * torques[2] + l[3] * torques[3]));
+        let l: [Each<N>; POINTS] = std::array::from_fn(|j| Each([LAGRANGE[POINTS - 1][j][k]; N]));
+        *sum = scale * super::lanes::sum::<W, N>(&l, torques);
         scale = scale * ((k + 1) as f64 * rate);
     }
     all
@@ -51,7 +53,7 @@ fn derivatives<const N: usize>(torques: &[Each<N>; POINTS], rate: Each<N>) -> [E
 impl<const N: usize> Motions<N> {
     /// Under torques with these derivatives.
     #[inline(always)]
-    fn new(
+    fn new<W: Way>(
         body: &Bodies<N>,
         s: &Moving<N>,
         a: &Accelerations<N>,
@@ -62,7 +64,7 @@ impl<const N: usize> Motions<N> {
         let mut rates = accelerations;
         let mut before = s.velocity;
         for rate in &mut rates {
-            *rate = *rate - body.decay * before;
+            *rate = rate.less::<W>(body.decay, before);
             before = *rate;
         }
         Self {
@@ -75,22 +77,27 @@ impl<const N: usize> Motions<N> {
 
     /// Way since the start and velocity after `t` seconds, for decays of at most one over that time.
     #[inline(always)]
-    fn after(&self, t: Each<N>) -> Angles<N> {
+    fn after<W: Way>(&self, t: Each<N>) -> Angles<N> {
         let [a, b, c, d] = self.accelerations;
         let [i, j, k, l] = self.rates;
         let t2 = t * t;
-        let rest = phi_5(-(self.decay * t)) * l;
-        let way =
-            t * self.velocity + t2 * ((0.5 * i + t * (SIXTH * j)) + t2 * (PART * k + t * rest));
-        let gain = (a + t * (0.5 * b)) + t2 * (SIXTH * c + t * (PART * d));
-        (way, (self.velocity + t * gain) - self.decay * way)
+        let rest = phi_5::<W, N>(-(self.decay * t)) * l;
+        let early = (0.5 * i).plus::<W>(t, SIXTH * j);
+        let way = early.plus::<W>(t2, (PART * k).plus::<W>(t, rest));
+        let way = (t * self.velocity).plus::<W>(t2, way);
+        let late = (SIXTH * c).plus::<W>(t, PART * d);
+        let gain = a.plus::<W>(t, 0.5 * b).plus::<W>(t2, late);
+        let velocity = self.velocity.plus::<W>(t, gain);
+        (way, velocity.less::<W>(self.decay, way))
     }
 
     /// Acceleration after `t` seconds, at the velocity then.
     #[inline(always)]
-    fn acceleration(&self, t: Each<N>, velocity: Each<N>) -> Each<N> {
+    fn acceleration<W: Way>(&self, t: Each<N>, velocity: Each<N>) -> Each<N> {
         let [a, b, c, d] = self.accelerations;
-        a + t * (b + t * (0.5 * c + t * (SIXTH * d))) - self.decay * velocity
+        let early = a.plus::<W>(t, b);
+        let late = (0.5 * c).plus::<W>(t, SIXTH * d);
+        early.plus::<W>(t * t, late).less::<W>(self.decay, velocity)
     }
 }
 
@@ -100,12 +107,17 @@ const PART: f64 = 1.0 / 24.0;
 /// `phi_5` as [`nystrom`](crate::nystrom) has it, for `z` from -1 to 1 to 1e-10 of it: as a part of a way that is
 /// less than a hundredth.
 #[inline(always)]
-fn phi_5<const N: usize>(z: Each<N>) -> Each<N> {
+fn phi_5<W: Way, const N: usize>(z: Each<N>) -> Each<N> {
     let c = SERIES.map(|c| Each([c; N]));
     let z2 = z * z;
     let z4 = z2 * z2;
-    let late = (c[4] + c[5] * z) + z2 * (c[6] + c[7] * z);
-    (c[0] + c[1] * z) + z2 * (c[2] + c[3] * z) + z4 * (late + z4 * (c[8] + c[9] * z))
+    let early = c[0]
+        .plus::<W>(c[1], z)
+        .plus::<W>(z2, c[2].plus::<W>(c[3], z));
+    let late = c[4]
+        .plus::<W>(c[5], z)
+        .plus::<W>(z2, c[6].plus::<W>(c[7], z));
+    early.plus::<W>(z4, late.plus::<W>(z4, c[8].plus::<W>(c[9], z)))
 }
 
 /// The body of each joint of which the mode changes first: the motor where its mode has changed by the end of the step.
@@ -137,46 +149,54 @@ impl<const N: usize> Chosen<N> {
 
 /// A state so many seconds later, as long as these accelerations stay the same.
 #[inline(always)]
-fn later<const N: usize>(
+fn later<W: Way, const N: usize>(
     (angle, velocity): Angles<N>,
     acceleration: Each<N>,
     late: Each<N>,
 ) -> Angles<N> {
-    let gain = late * acceleration;
-    (angle + late * (velocity + 0.5 * gain), velocity + gain)
+    let mean = velocity.plus::<W>(0.5 * late, acceleration);
+    (
+        angle.plus::<W>(late, mean),
+        velocity.plus::<W>(late, acceleration),
+    )
 }
 
 /// Where cubics with these values and slopes at both ends of a `length` fall below zero, nearly:
 /// [`descent`](crate::integrate::descent)'s first guess.
 #[inline(always)]
-fn fall_of_cubic<const N: usize>(
+fn fall_of_cubic<W: Way, const N: usize>(
     (start, rate): (Each<N>, Each<N>),
     (value, slope): (Each<N>, Each<N>),
     length: Each<N>,
 ) -> Each<N> {
     let (rate, slope, rise) = (rate * length, slope * length, value - start);
     let bend = rise - rate;
-    let root = (rate * rate - 4.0 * bend * start)
+    let root = (rate * rate)
+        .less::<W>(4.0 * bend, start)
         .max(Each([0.0; N]))
         .sqrt();
     let rises = |i: usize| rate[i] > 0.0;
     let over = (rate + root).select(2.0 * start, rises);
     let under = (-2.0 * bend).select(root - rate, rises);
-    let s = over / under;
+    // A step of Newton's method from `over / under`, as one fraction: a division takes as long as six products.
     let a = rate + slope - 2.0 * rise;
     let b = 3.0 * rise - 2.0 * rate - slope;
-    let falls = rate + s * (2.0 * b + 3.0 * s * a);
-    let s = s - (start + s * (rate + s * (b + s * a))) / falls;
-    s * length
+    let (square, over2) = (under * under, over * over);
+    let falls = (rate * square)
+        .plus::<W>(2.0 * b * over, under)
+        .plus::<W>(3.0 * a, over2);
+    let value = (start * under).plus::<W>(rate, over) * square;
+    let value = value.plus::<W>((b * under).plus::<W>(a, over), over2);
+    ((over * falls).less::<W>(Each([1.0; N]), value) / (under * falls)) * length
 }
 
 impl<const N: usize> Lanes<N> {
     /// Finishes the steps in which a mode changes once, and leaves what is negative in the margin to be finished.
     #[inline(always)]
-    pub(super) fn pass(&self, s: &mut States<N>, input: &Input<N>, ends: &mut Ends<N>) {
+    pub(super) fn pass<W: Way>(&self, s: &mut States<N>, input: &Input<N>, ends: &mut Ends<N>) {
         let (zero, whole) = (Each([0.0; N]), self.length);
-        let (motor, load) = self.motions(s, &ends.course);
-        let chosen = self.choose(s, input, ends);
+        let (motor, load) = self.motions::<W>(s, &ends.course);
+        let chosen = self.choose::<W>(s, input, ends);
 
         // One step of Newton's method from the root of the cubic through both ends.
         let start = (
@@ -184,28 +204,30 @@ impl<const N: usize> Lanes<N> {
             (s.load.angle, s.load.velocity),
         );
         let begins = chosen.of(motor.rates[0], load.rates[0]);
-        let at_start = self.margin(&chosen, input, &start, (ends.course.torques[0], begins));
+        let at_start = self.margin::<W>(&chosen, input, &start, (ends.course.torques[0], begins));
         let stops = chosen.of(
-            motor.acceleration(whole, ends.motor.1),
-            load.acceleration(whole, ends.load.1),
+            motor.acceleration::<W>(whole, ends.motor.1),
+            load.acceleration::<W>(whole, ends.load.1),
         );
         let to = (ends.motor, ends.load);
-        let at_end = self.margin(&chosen, input, &to, (ends.torque, stops));
-        let guess = fall_of_cubic(at_start, at_end, whole);
+        let at_end = self.margin::<W>(&chosen, input, &to, (ends.torque, stops));
+        let guess = fall_of_cubic::<W, N>(at_start, at_end, whole);
         let inside = guess.min(whole - guess);
         let guess = guess.select(zero, |i| inside[i] > 0.0);
-        let (by_motor, by_load) = (motor.after(guess), load.after(guess));
+        let (by_motor, by_load) = (motor.after::<W>(guess), load.after::<W>(guess));
         let there = (
             (s.motor.angle + by_motor.0, by_motor.1),
             (s.load.angle + by_load.0, by_load.1),
         );
-        let torque = self.torque(self.ratio * there.0.0 - there.1.0);
+        let torque = self.torque::<W>((-there.1.0).plus::<W>(self.ratio, there.0.0));
         let (motor_gains, load_gains) = (
-            motor.acceleration(guess, there.0.1),
-            load.acceleration(guess, there.1.1),
+            motor.acceleration::<W>(guess, there.0.1),
+            load.acceleration::<W>(guess, there.1.1),
         );
         let gains = chosen.of(motor_gains, load_gains);
-        let (value, slope) = self.margin(&chosen, input, &there, (torque, gains));
+        let stiffness = self.stiffness::<W>((-there.1.0).plus::<W>(self.ratio, there.0.0));
+        let twists = stiffness * (-there.1.1).plus::<W>(self.ratio, there.0.1);
+        let (value, slope) = self.margin::<W>(&chosen, input, &there, (torque, gains));
         let newton = value / slope;
         let root = guess - newton;
         // Between the guess and the end on whose side the root must lie.
@@ -214,18 +236,21 @@ impl<const N: usize> Lanes<N> {
         let delay = Each([BREAK_AWAY_DELAY; N]).select(zero, |i| chosen.sign[i] == 0.0);
         let time = (root + delay).min(whole);
         let late = time - guess;
-        let (qm, vm) = later(there.0, motor_gains, late);
-        let (ql, vl) = later(there.1, load_gains, late);
+        let (qm, vm) = later::<W, N>(there.0, motor_gains, late);
+        let (ql, vl) = later::<W, N>(there.1, load_gains, late);
 
-        // The other body keeps its mode: the load until then, the motor to the end.
-        let twist = self.ratio * qm - ql;
-        let torque = self.torque(twist);
-        let (_, load_keeps) = self.keep(s, input, &ends.course, (vm, vl, torque), time);
+        // The other body keeps its mode: the load until then, the motor to the end. The torque is that at the guess and by how much it
+        // changes: that of the twist is longer to wait for.
+        let twist = (-ql).plus::<W>(self.ratio, qm);
+        let torque = torque.plus::<W>(late, twists);
+        let (_, load_keeps) = self.keep::<W>(s, input, &ends.course, (vm, vl, torque), time);
         let other = load_keeps.select(ends.motor_keeps, |i| chosen.motor[i] < 0.0);
 
         // What happens to the one, and from there to the end.
-        let sign =
-            chosen.sign_after(chosen.of(input.drive - self.ratio * torque, input.outside + torque));
+        let sign = chosen.sign_after(chosen.of(
+            input.drive.less::<W>(self.ratio, torque),
+            input.outside + torque,
+        ));
         let is_motor = |i: usize| chosen.motor[i] < 0.0;
         let from = States {
             motor: Moving {
@@ -240,16 +265,16 @@ impl<const N: usize> Lanes<N> {
             },
             load_torque: s.load_torque,
         };
-        let accelerations = self.accelerations(&from, input);
-        let course = self.course(&from, accelerations, twist, torque);
+        let accelerations = self.accelerations::<W>(&from, input);
+        let course = self.course::<W>(&from, accelerations, twist, torque);
         let rest = whole - time;
-        let (motor, load) = self.motions(&from, &course);
-        let (by_motor, by_load) = (motor.after(rest), load.after(rest));
+        let (motor, load) = self.motions::<W>(&from, &course);
+        let (by_motor, by_load) = (motor.after::<W>(rest), load.after::<W>(rest));
         let motor = (qm + by_motor.0, by_motor.1);
         let load = (ql + by_load.0, by_load.1);
-        let torque = self.torque(self.ratio * motor.0 - load.0);
+        let torque = self.torque::<W>((-load.0).plus::<W>(self.ratio, motor.0));
         let (motor_keeps, load_keeps) =
-            self.keep(&from, input, &course, (motor.1, load.1, torque), rest);
+            self.keep::<W>(&from, input, &course, (motor.1, load.1, torque), rest);
         let keeps = other.min(motor_keeps).min(load_keeps);
 
         let begun = at_start.0.max(at_start.1);
@@ -277,25 +302,25 @@ impl<const N: usize> Lanes<N> {
     }
 
     #[inline(always)]
-    fn motions(&self, s: &States<N>, course: &Course<N>) -> (Motions<N>, Motions<N>) {
+    fn motions<W: Way>(&self, s: &States<N>, course: &Course<N>) -> (Motions<N>, Motions<N>) {
         let Course {
             motor,
             load,
             torques,
         } = course;
-        let torques = derivatives(torques, self.rate);
+        let torques = derivatives::<W, N>(torques, self.rate);
         (
-            Motions::new(&self.motor, &s.motor, motor, &torques),
-            Motions::new(&self.load, &s.load, load, &torques),
+            Motions::new::<W>(&self.motor, &s.motor, motor, &torques),
+            Motions::new::<W>(&self.load, &s.load, load, &torques),
         )
     }
 
     #[inline(always)]
-    fn choose(&self, s: &States<N>, input: &Input<N>, ends: &Ends<N>) -> Chosen<N> {
-        let psi = input.drive - self.ratio * ends.torque;
+    fn choose<W: Way>(&self, s: &States<N>, input: &Input<N>, ends: &Ends<N>) -> Chosen<N> {
+        let psi = input.drive.less::<W>(self.ratio, ends.torque);
         let changed = self
             .motor
-            .holds(&s.motor, psi)
+            .holds::<W>(&s.motor, psi)
             .min(s.motor.sign * ends.motor.1);
         let is_motor = |i: usize| changed[i] < 0.0;
         Chosen {
@@ -308,17 +333,19 @@ impl<const N: usize> Lanes<N> {
     /// How far the chosen bodies are from the end of their modes, and its rate of change: as a joint's by itself, where the
     /// transmissions have these torques and the chosen bodies these accelerations.
     #[inline(always)]
-    fn margin(
+    fn margin<W: Way>(
         &self,
         chosen: &Chosen<N>,
         input: &Input<N>,
         ((qm, vm), (ql, vl)): &(Angles<N>, Angles<N>),
         (torque, acceleration): (Each<N>, Each<N>),
     ) -> (Each<N>, Each<N>) {
-        let twist = self.ratio * *qm - *ql;
-        let psi = chosen.of(input.drive - self.ratio * torque, input.outside + torque);
-        let hardening = twist.abs().min(self.bend);
-        let stiffness = self.linear + 3.0 * self.cubic * hardening * hardening;
+        let twist = (-*ql).plus::<W>(self.ratio, *qm);
+        let psi = chosen.of(
+            input.drive.less::<W>(self.ratio, torque),
+            input.outside + torque,
+        );
+        let stiffness = self.stiffness::<W>(twist);
         let (velocity, other) = (chosen.of(*vm, *vl), chosen.of(*vl, *vm));
         let pull = stiffness * self.ratio * other;
         let slips = pull.select(-pull, |i| psi[i] < 0.0);

@@ -7,13 +7,14 @@
 )]
 
 use super::{Moving, States};
-use crate::each::Each;
+use crate::each::{Each, Way};
 use crate::friction::Friction;
 use crate::joint::{Joint, JointState, SLOWS};
 use crate::nystrom::{POINTS, Row, Weights};
 
 /// Parameters of `N` joints.
 #[derive(Debug, Clone, PartialEq)]
+#[repr(align(64))] // As all that holds eight numbers each: a vector of them that lay across two lines would be read as two.
 pub(crate) struct Lanes<const N: usize> {
     pub(super) ratio: Each<N>,
     pub(super) gain: Each<N>,
@@ -114,21 +115,22 @@ impl<const N: usize> Lanes<N> {
     }
 
     #[inline(always)]
-    pub(super) fn accelerations(
+    pub(super) fn accelerations<W: Way>(
         &self,
         s: &States<N>,
         input: &Input<N>,
     ) -> (Accelerations<N>, Accelerations<N>) {
         (
-            self.motor.accelerations(&s.motor, input.drive, -self.ratio),
+            self.motor
+                .accelerations::<W>(&s.motor, input.drive, -self.ratio),
             self.load
-                .accelerations(&s.load, input.outside, Each([1.0; N])),
+                .accelerations::<W>(&s.load, input.outside, Each([1.0; N])),
         )
     }
 
     /// From a twist and its torque.
     #[inline(always)]
-    pub(super) fn course(
+    pub(super) fn course<W: Way>(
         &self,
         s: &States<N>,
         (motor, load): (Accelerations<N>, Accelerations<N>),
@@ -140,14 +142,15 @@ impl<const N: usize> Lanes<N> {
         let mut torques = [torque; POINTS];
         for point in 1..POINTS {
             let (m, l) = (&self.motor.points[point - 1], &self.load.points[point - 1]);
-            let qm = m.drift * s.motor.velocity + m.all * motor.alone;
-            let ql = l.drift * s.load.velocity + l.all * load.alone;
-            let mut w = twist + (self.ratio * qm - ql);
+            let qm = (m.drift * s.motor.velocity).plus::<W>(m.all, motor.alone);
+            let ql = (l.drift * s.load.velocity).plus::<W>(l.all, load.alone);
+            let mut w = twist + (-ql).plus::<W>(self.ratio, qm);
             let by_motor = self.ratio * motor.by;
             for (j, torque) in torques[..point].iter().enumerate() {
-                w = w + (m.angle[j] * by_motor - l.angle[j] * load.by) * *torque;
+                let by = (m.angle[j] * by_motor).less::<W>(l.angle[j], load.by);
+                w = w.plus::<W>(by, *torque);
             }
-            torques[point] = self.torque(w);
+            torques[point] = self.torque::<W>(w);
         }
         Course {
             motor,
@@ -159,7 +162,7 @@ impl<const N: usize> Lanes<N> {
     /// Negative where the mode of a motor or of a load may change in a step of `h` seconds that ends with these
     /// velocities and torques of the transmissions.
     #[inline(always)]
-    pub(super) fn keep(
+    pub(super) fn keep<W: Way>(
         &self,
         s: &States<N>,
         input: &Input<N>,
@@ -172,30 +175,47 @@ impl<const N: usize> Lanes<N> {
             load,
             torques,
         } = course;
-        let psi = input.drive - self.ratio * torque;
-        let motor_slides = self.motor.slides(&s.motor, vm, motor, torques, h);
-        let load_slides = self.load.slides(&s.load, vl, load, torques, h);
+        let psi = input.drive.less::<W>(self.ratio, torque);
+        let motor_slides = self.motor.slides::<W>(&s.motor, vm, motor, torques, h);
+        let load_slides = self.load.slides::<W>(&s.load, vl, load, torques, h);
         (
-            self.motor.holds(&s.motor, psi).min(motor_slides),
+            self.motor.holds::<W>(&s.motor, psi).min(motor_slides),
             self.load
-                .holds(&s.load, input.outside + torque)
+                .holds::<W>(&s.load, input.outside + torque)
                 .min(load_slides),
         )
     }
 
     /// Torques of the transmissions, N m.
     #[inline(always)]
-    pub(super) fn torque(&self, twist: Each<N>) -> Each<N> {
+    pub(super) fn torque<W: Way>(&self, twist: Each<N>) -> Each<N> {
+        if !W::HARDENS {
+            return self.linear * twist;
+        }
+        if !W::BENDS {
+            return twist * self.linear.plus::<W>(self.cubic * twist, twist);
+        }
         let hardening = twist.max(self.unbend).min(self.bend);
-        hardening * (self.linear + self.cubic * hardening * hardening)
-            + self.stiffest * (twist - hardening)
+        let stiffness = self.linear.plus::<W>(self.cubic * hardening, hardening);
+        (self.stiffest * (twist - hardening)).plus::<W>(hardening, stiffness)
+    }
+
+    /// Their stiffnesses, N m/rad.
+    #[inline(always)]
+    pub(super) fn stiffness<W: Way>(&self, twist: Each<N>) -> Each<N> {
+        if !W::HARDENS {
+            return self.linear;
+        }
+        let hardening = twist.abs().min(self.bend);
+        self.linear
+            .plus::<W>(3.0 * self.cubic * hardening, hardening)
     }
 
     /// Positions of the outputs (2.12), radians.
     #[inline(always)]
-    pub(super) fn outputs(&self, s: &States<N>) -> [f64; N] {
+    pub(super) fn outputs<W: Way>(&self, s: &States<N>) -> [f64; N] {
         let twist = self.ratio * s.motor.angle - s.load.angle;
-        let psi = self.torque(twist) + self.load_torque + s.load_torque;
+        let psi = self.torque::<W>(twist) + self.load_torque + s.load_torque;
         let slides = -s.load.sign * self.load.coulomb - self.load.viscous * s.load.velocity;
         // No short cut, which would be a branch for each.
         let stuck = |i: usize| (s.load.sign[i] == 0.0) & (self.load.free[i] == 0.0);
@@ -213,22 +233,25 @@ impl<const N: usize> Lanes<N> {
 
     /// Lets go what nothing holds, and says where a step leads to from there; `None` where nothing moves.
     #[inline(always)]
-    pub(super) fn step(&self, s: &mut States<N>, input: &Input<N>) -> Option<Ends<N>> {
-        let twist = self.ratio * s.motor.angle - s.load.angle;
-        let torque = self.torque(twist);
-        let (motor, load) = (input.drive - self.ratio * torque, input.outside + torque);
-        self.motor.release(&mut s.motor, motor);
-        self.load.release(&mut s.load, load);
-        let accelerations = self.accelerations(s, input);
+    pub(super) fn step<W: Way>(&self, s: &mut States<N>, input: &Input<N>) -> Option<Ends<N>> {
+        let twist = (-s.load.angle).plus::<W>(self.ratio, s.motor.angle);
+        let torque = self.torque::<W>(twist);
+        let motor = input.drive.less::<W>(self.ratio, torque);
+        let load = input.outside + torque;
+        self.motor.release::<W>(&mut s.motor, motor);
+        self.load.release::<W>(&mut s.load, load);
+        let accelerations = self.accelerations::<W>(s, input);
         if accelerations.0.by.all_zero() && accelerations.1.by.all_zero() {
             return None;
         }
-        let course = self.course(s, accelerations, twist, torque);
-        let motor = self.motor.end(&s.motor, &course.motor, &course.torques);
-        let load = self.load.end(&s.load, &course.load, &course.torques);
-        let torque = self.torque(self.ratio * motor.0 - load.0);
+        let course = self.course::<W>(s, accelerations, twist, torque);
+        let motor = self
+            .motor
+            .end::<W>(&s.motor, &course.motor, &course.torques);
+        let load = self.load.end::<W>(&s.load, &course.load, &course.torques);
+        let torque = self.torque::<W>((-load.0).plus::<W>(self.ratio, motor.0));
         let to = (motor.1, load.1, torque);
-        let (motor_keeps, load_keeps) = self.keep(s, input, &course, to, self.length);
+        let (motor_keeps, load_keeps) = self.keep::<W>(s, input, &course, to, self.length);
         Some(Ends {
             margin: motor_keeps.min(load_keeps),
             motor_keeps,
@@ -242,6 +265,7 @@ impl<const N: usize> Lanes<N> {
 
 /// Torques from outside on motors, voltage times gain, and on loads, N m.
 #[derive(Debug, Clone)]
+#[repr(align(64))]
 pub(super) struct Input<const N: usize> {
     pub(super) drive: Each<N>,
     pub(super) outside: Each<N>,
@@ -258,6 +282,7 @@ pub(super) struct Course<const N: usize> {
 
 /// Where it leads to.
 #[derive(Debug, Clone)]
+#[repr(align(64))]
 pub(super) struct Ends<const N: usize> {
     /// Negative where a mode may change...
     pub(super) margin: Each<N>,
@@ -311,8 +336,8 @@ impl<const N: usize> Ends<N> {
 impl<const N: usize> Accelerations<N> {
     /// At these torques.
     #[inline(always)]
-    pub(super) fn at(&self, torque: Each<N>) -> Each<N> {
-        self.alone + self.by * torque
+    pub(super) fn at<W: Way>(&self, torque: Each<N>) -> Each<N> {
+        self.alone.plus::<W>(self.by, torque)
     }
 
     /// That of one body at each point.
@@ -327,23 +352,23 @@ const SLIDES: f64 = 1e9;
 impl<const N: usize> Bodies<N> {
     /// Under these torques on the bodies, and a transmission's torque times `ratio`.
     #[inline(always)]
-    pub(super) fn accelerations(
+    pub(super) fn accelerations<W: Way>(
         &self,
         s: &Moving<N>,
         drive: Each<N>,
         ratio: Each<N>,
     ) -> Accelerations<N> {
-        let by = (s.sign * s.sign).max(self.free) * self.inverse_inertia;
+        let by = s.sign.abs().max(self.free) * self.inverse_inertia;
         Accelerations {
-            alone: by * (drive - s.sign * self.coulomb),
+            alone: by * drive.less::<W>(s.sign, self.coulomb),
             by: by * ratio,
         }
     }
 
     /// Those that are stuck and that static friction does not hold against these torques begin to slide.
     #[inline(always)]
-    fn release(&self, s: &mut Moving<N>, psi: Each<N>) {
-        let holds = self.holds(s, psi);
+    fn release<W: Way>(&self, s: &mut Moving<N>, psi: Each<N>) {
+        let holds = self.holds::<W>(s, psi);
         if holds.any_negative() {
             let towards = Each([1.0; N]).select(Each([-1.0; N]), |i| psi[i] > 0.0);
             s.sign = towards.select(s.sign, |i| holds[i] < 0.0);
@@ -352,27 +377,30 @@ impl<const N: usize> Bodies<N> {
 
     /// By how much static friction holds the stuck ones against these torques, N m.
     #[inline(always)]
-    pub(super) fn holds(&self, s: &Moving<N>, psi: Each<N>) -> Each<N> {
-        self.level + SLIDES * (s.sign * s.sign) - psi.abs()
+    pub(super) fn holds<W: Way>(&self, s: &Moving<N>, psi: Each<N>) -> Each<N> {
+        let slides = Each([SLIDES; N]);
+        self.level.plus::<W>(slides, s.sign.abs()) - psi.abs()
     }
 
     /// Angles and velocities at the end of a step.
     #[inline(always)]
-    fn end(
+    fn end<W: Way>(
         &self,
         s: &Moving<N>,
         a: &Accelerations<N>,
         torques: &[Each<N>; POINTS],
     ) -> (Each<N>, Each<N>) {
         let row = &self.end;
-        let way = row.drift * s.velocity + row.all * a.alone + a.by * sum(&row.angle, torques);
-        let gain = row.all_velocity * a.alone + a.by * sum(&row.velocity, torques);
-        (s.angle + way, row.keep * s.velocity + gain)
+        let way = (row.drift * s.velocity).plus::<W>(row.all, a.alone);
+        let way = way.plus::<W>(a.by, sum::<W, N>(&row.angle, torques));
+        let gain = row.all_velocity * a.alone;
+        let gain = gain.plus::<W>(a.by, sum::<W, N>(&row.velocity, torques));
+        (s.angle + way, gain.plus::<W>(row.keep, s.velocity))
     }
 
     /// Negative where one has come to rest in a step of `h` seconds to velocities `to`, or may have.
     #[inline(always)]
-    fn slides(
+    fn slides<W: Way>(
         &self,
         s: &Moving<N>,
         to: Each<N>,
@@ -381,10 +409,10 @@ impl<const N: usize> Bodies<N> {
         h: Each<N>,
     ) -> Each<N> {
         let speed = s.sign * s.velocity;
-        let first = s.sign * (a.at(torques[0]) - self.decay * s.velocity);
-        let last = s.sign * (a.at(torques[POINTS - 1]) - self.decay * to);
+        let first = s.sign * a.at::<W>(torques[0]).less::<W>(self.decay, s.velocity);
+        let last = s.sign * a.at::<W>(torques[POINTS - 1]).less::<W>(self.decay, to);
         // As `may_dip`: only if all of these are negative.
-        let dips = first.max(-last).max(speed + SLOWS * h * first);
+        let dips = first.max(-last).max(speed.plus::<W>(SLOWS * h, first));
         (s.sign * to).min(dips)
     }
 }
@@ -392,9 +420,12 @@ impl<const N: usize> Bodies<N> {
 /// What the torques at all points add up to by these weights. (No closure: one that is called twice may be left a
 /// call, and gets none of its caller's instructions then.)
 #[inline(always)]
-fn sum<const N: usize>(weights: &[Each<N>; POINTS], torques: &[Each<N>; POINTS]) -> Each<N> {
-    (weights[0] * torques[0] + weights[1] * torques[1])
-        + (weights[2] * torques[2] + weights[3] * torques[3])
+pub(super) fn sum<W: Way, const N: usize>(
+    weights: &[Each<N>; POINTS],
+    torques: &[Each<N>; POINTS],
+) -> Each<N> {
+    (weights[0] * torques[0]).plus::<W>(weights[1], torques[1])
+        + (weights[2] * torques[2]).plus::<W>(weights[3], torques[3])
 }
 
 impl<const N: usize> Rows<N> {

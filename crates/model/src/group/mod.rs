@@ -6,8 +6,9 @@
 //! its step finished by itself, as [`Joint::advance`] does it; of many joints those are finished side by side
 //! (`pool.rs`, `events.rs`).
 //!
-//! Which instructions there are is found out when the program runs. All of them add and multiply alike and none
-//! is fused: the same joints go the same way, to the last bit, on two lanes and on eight.
+//! Which instructions there are is found out when the program runs. All of them add and multiply alike and in a [`Group`] none
+//! is fused: the same joints go the same way, to the last bit, on two lanes and on eight. A [`Batch`](crate::batch::Batch) fuses
+//! where it can, as what waits for a product and a sum waits for one operation then.
 
 #![expect(
     clippy::inline_always,
@@ -18,7 +19,7 @@ mod events;
 mod lanes;
 mod pool;
 
-use crate::each::Each;
+use crate::each::{Each, Way};
 use crate::friction::Mode;
 use crate::instructions::Instructions;
 use crate::joint::{Joint, JointState};
@@ -37,6 +38,7 @@ pub struct Group<const N: usize> {
 
 /// The [`JointState`]s of a group.
 #[derive(Debug, Clone, PartialEq)]
+#[repr(align(64))]
 pub struct States<const N: usize> {
     motor: Moving<N>,
     load: Moving<N>,
@@ -190,13 +192,13 @@ impl<const N: usize> Group<N> {
     /// Positions of the outputs (2.12), radians: [`Joint::output`] of each.
     #[inline(always)]
     pub fn outputs(&self, states: &States<N>) -> [f64; N] {
-        self.lanes.outputs(states)
+        self.lanes.outputs::<General>(states)
     }
 
     #[inline(always)]
-    fn step(&self, s: &mut States<N>, voltages: &Each<N>) {
+    fn step<W: Way>(&self, s: &mut States<N>, voltages: &Each<N>) {
         let input = self.lanes.input(s, *voltages);
-        let Some(mut ends) = self.lanes.step(s, &input) else {
+        let Some(mut ends) = self.lanes.step::<W>(s, &input) else {
             return;
         };
         if ends.margin.any_negative() {
@@ -220,6 +222,15 @@ impl<const N: usize> Group<N> {
     }
 }
 
+/// Any transmissions, to the same bits on every machine.
+struct General;
+
+impl Way for General {
+    const FUSED: bool = false;
+    const HARDENS: bool = true;
+    const BENDS: bool = true;
+}
+
 /// A cycle of a group.
 struct Cycle<'a, const N: usize> {
     group: &'a Group<N>,
@@ -233,7 +244,7 @@ impl<const N: usize> WithSimd for Cycle<'_, N> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
         for _ in 0..self.group.steps {
-            self.group.step(self.states, &self.voltages);
+            self.group.step::<General>(self.states, &self.voltages);
         }
     }
 }

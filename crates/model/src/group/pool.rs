@@ -10,7 +10,7 @@
 
 use super::lanes::{Accelerations, Bodies, Course, Ends, Input, Lanes};
 use super::{Group, Moving, States};
-use crate::each::Each;
+use crate::each::{Each, Way};
 use crate::joint::JointState;
 use crate::nystrom::POINTS;
 
@@ -63,9 +63,9 @@ impl Pools {
     /// Advances all blocks by a cycle, each joint under its voltage, where a vector holds a number of each joint of a block
     /// or is not so `wide`.
     #[inline(always)]
-    pub(crate) fn advance(&mut self, blocks: &mut [Block], voltages: &[f64], wide: bool) {
+    pub(crate) fn advance<W: Way>(&mut self, blocks: &mut [Block], voltages: &[f64], wide: bool) {
         if let [block] = blocks {
-            self.few.advance_alone(block, voltages, wide);
+            self.few.advance_alone::<W>(block, voltages, wide);
             return;
         }
         let most = blocks.iter().map(|block| block.group.steps).max();
@@ -80,7 +80,7 @@ impl Pools {
                     *lane = *volts;
                 }
                 let input = group.lanes.input(states, here);
-                let Some(ends) = group.lanes.step(states, &input) else {
+                let Some(ends) = group.lanes.step::<W>(states, &input) else {
                     continue;
                 };
                 if !ends.margin.any_negative() {
@@ -95,28 +95,28 @@ impl Pools {
                         self.many
                             .put(lanes, &start, (&input, &ends), i, (b, i, here[i]));
                         if self.many.len == MANY {
-                            self.many.finish(blocks);
+                            self.many.finish::<W>(blocks);
                         }
                     }
                 }
             }
-            self.finish(blocks);
+            self.finish::<W>(blocks);
         }
     }
 
     /// Finishes what is left.
     #[inline(always)]
-    fn finish(&mut self, blocks: &mut [Block]) {
+    fn finish<W: Way>(&mut self, blocks: &mut [Block]) {
         let Self { many, few } = self;
         if many.len > FEW {
-            many.finish(blocks);
+            many.finish::<W>(blocks);
         } else if many.len > 0 {
             for i in 0..many.len {
                 let to = (&many.input, &many.ends);
                 few.put(&many.lanes, &many.states, to, i, many.from[i]);
             }
             many.len = 0;
-            few.finish(blocks);
+            few.finish::<W>(blocks);
         }
     }
 }
@@ -155,7 +155,7 @@ impl<const N: usize> Pool<N> {
     /// Advances a block that nobody lies beside by a cycle: no others are there that a vector could be filled with. Where one holds all of it,
     /// those whose modes change are finished where they lie: to gather them would take longer.
     #[inline(always)]
-    fn advance_alone(&mut self, block: &mut Block, voltages: &[f64], wide: bool) {
+    fn advance_alone<W: Way>(&mut self, block: &mut Block, voltages: &[f64], wide: bool) {
         let mut here = Each([0.0; LANES]);
         for (lane, volts) in here.0.iter_mut().zip(voltages) {
             *lane = *volts;
@@ -163,7 +163,7 @@ impl<const N: usize> Pool<N> {
         for _ in 0..block.group.steps {
             let Block { group, states } = &mut *block;
             let input = group.lanes.input(states, here);
-            let Some(mut ends) = group.lanes.step(states, &input) else {
+            let Some(mut ends) = group.lanes.step::<W>(states, &input) else {
                 return;
             };
             if !ends.margin.any_negative() {
@@ -172,7 +172,7 @@ impl<const N: usize> Pool<N> {
             }
             let count = ends.margin.0.iter().filter(|m| **m < 0.0).count();
             if wide || count > N {
-                group.lanes.pass(states, &input, &mut ends);
+                group.lanes.pass::<W>(states, &input, &mut ends);
                 if ends.margin.any_negative() {
                     group.finish(states, &here, &mut ends);
                 }
@@ -185,7 +185,7 @@ impl<const N: usize> Pool<N> {
                 }
             }
             states.go_to(&ends);
-            self.finish(std::slice::from_mut(block));
+            self.finish::<W>(std::slice::from_mut(block));
         }
     }
 
@@ -213,9 +213,9 @@ impl<const N: usize> Pool<N> {
 
     /// Finishes those that there are, and lets them go.
     #[inline(always)]
-    fn finish(&mut self, blocks: &mut [Block]) {
+    fn finish<W: Way>(&mut self, blocks: &mut [Block]) {
         self.lanes
-            .pass(&mut self.states, &self.input, &mut self.ends);
+            .pass::<W>(&mut self.states, &self.input, &mut self.ends);
         for i in 0..self.len {
             let (block, joint, volts) = self.from[i];
             let Block { group, states } = &mut blocks[block];

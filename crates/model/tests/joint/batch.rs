@@ -92,10 +92,11 @@ fn each_goes_the_way_that_it_goes_alone() {
     }
 }
 
+/// All that fuse products and sums make the same bits; SSE2, which has nothing that does, the same way to 1e-3 nm at a tip.
 #[test]
-fn all_instructions_make_the_same_bits() {
+fn instructions_change_no_more_than_rounding() {
     let all = Instructions::all();
-    for kind in 0..2 {
+    for (kind, arm) in ARMS.into_iter().enumerate() {
         let joints = joints(kind);
         let mut batches = vec![Batch::new(&joints, CYCLE); all.len()];
         for k in 0..4000 {
@@ -105,10 +106,15 @@ fn all_instructions_make_the_same_bits() {
                 batch.advance_by(*instructions, &voltages);
             }
         }
-        for (batch, instructions) in batches.iter().zip(&all) {
-            assert!(batch == &batches[0], "{}", instructions.name());
+        let last = &batches[all.len() - 1];
+        for (batch, name) in batches.iter().zip(all.iter().map(|by| by.name())) {
+            assert!(batch == last || name == "SSE2", "{name}");
+            for (output, same) in batch.outputs().zip(last.outputs()) {
+                let apart = arm * (output - same).abs();
+                assert!(apart < 1e-12, "{apart} by {name}");
+            }
         }
-        assert!((0..JOINTS).any(|i| batches[0].motor_angle(i) != 0.0));
+        assert!((0..JOINTS).any(|i| last.motor_angle(i) != 0.0));
     }
 }
 
