@@ -2,6 +2,7 @@
 
 mod data;
 mod lost;
+mod rates;
 
 pub use data::{Columns, Data, Read, WantedPath};
 
@@ -339,10 +340,22 @@ impl Tried {
 /// When the record says too little for that model.
 pub fn fit(record: Record, kind: Kind) -> Result<Tried, Invalid> {
     let to = (FITTED * record.len() as f64) as usize;
+    let mut remarks = Vec::new();
     let model = match kind {
-        Kind::Memory => Model::Memory(fit_memory(&record, to, None, Creep::Any)?),
+        Kind::Memory => {
+            let own = fit_memory(&record, to, None, Creep::Any)?;
+            let ahead = rates::ahead(&record, to, &own);
+            remarks.extend(ahead.map(|model| {
+                format!(
+                    "displacement is read {:.3} ms before the voltage of its row, by what that leaves; the model has it so",
+                    -1e3 * model.lag
+                )
+            }));
+            Model::Memory(ahead.unwrap_or(own))
+        }
         Kind::Rbf => Model::Rbf(Rbf::train(&record.before(to)?)?),
     };
+    remarks.extend(rates::at_one(&record));
     let prediction = predict(&model, &record);
     let from = record.known_from().min(to / 2);
     let part = |over: ops::Range<usize>| {
@@ -375,6 +388,7 @@ pub fn fit(record: Record, kind: Kind) -> Result<Tried, Invalid> {
             document.doubt = format!("where it was fitted {doubt}");
         }
     }
+    document.remarks = remarks;
     document.fitted = Some(fitted);
     document.held_back = Some(held_back);
     doubt_gain(

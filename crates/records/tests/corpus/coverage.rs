@@ -10,6 +10,7 @@ use nalgebra::Complex;
 use pigtail_model::frames::Displacement;
 use pigtail_model::windup::{Reversal, ReversalState};
 use pigtail_numerics::signal::between;
+use pigtail_numerics::statistics::exact;
 use pigtail_sysid::servo::{Friction, Method, Record, Settings, identify};
 use pigtail_sysid::{Known, friction, map, resonance, timeline, windup};
 use rand::{RngExt, SeedableRng};
@@ -513,18 +514,15 @@ fn covered(of_each: u64, least: f64, told: fn(&Kind) -> bool) {
                 answered.iter().filter(held).count() as f64 / answered.len().max(1) as f64
             })
             .collect();
-        let told: Vec<String> = kind
-            .parameters
-            .iter()
-            .zip(&shares)
-            .map(|(name, share)| format!("{name} {share:.3}"))
-            .collect();
-        eprintln!(
-            "{}: {} of {of_each} answered; {}",
-            kind.name,
-            answered.len(),
-            told.join(", ")
-        );
+        let of = answered.len() as u64;
+        for (name, share) in kind.parameters.iter().zip(&shares) {
+            let [low, high] = exact((share * of as f64).round() as u64, of);
+            eprintln!(
+                "{:<20} {name:<16} asked {of_each:>5}, refused or of another model {:>5}, holds {share:.3} ({low:.3}-{high:.3})",
+                kind.name,
+                said.len() as u64 - of
+            );
+        }
         if shares.iter().any(|s| *s < least) {
             few.push((kind.name, shares));
         }

@@ -67,6 +67,16 @@ fn late(rows: &mut Rows, by: usize) {
     }
 }
 
+/// A force as a charge amplifier holds it for so many seconds, which had come to rest before.
+fn behind_high_pass(rows: &mut Rows, constant: f64) {
+    let mut held = 0.1;
+    for k in 1..rows.len() {
+        held += (rows[k][2] - held) * (rows[k][0] - rows[k - 1][0]) / constant;
+        rows[k][2] -= held;
+    }
+    rows[0][2] -= 0.1;
+}
+
 type Mangle = fn(&mut Rows, &mut Pcg64Mcg);
 
 const CASES: &[(&str, Wanted, Mangle)] = &[
@@ -189,6 +199,11 @@ const CASES: &[(&str, Wanted, Mangle)] = &[
             rows[k][2] += 0.004 * second / (old[k + 60][0] - old[k][0]).powi(2);
         }
     }),
+    (
+        "a force behind a high pass of 50 s",
+        Wanted::Refused,
+        |rows, _| behind_high_pass(rows, 50.0),
+    ),
     ("a weight beside it", Wanted::Right, |rows, _| {
         rows.iter_mut().for_each(|r| r[2] += 5.0);
     }),
@@ -352,6 +367,19 @@ fn a_way_is_as_sure_as_its_displacement() {
     // One of which all is well is told as well as before.
     let way = found.parameters[1].known.expect("a way");
     assert!(way.std_correlated < 2e-3 * 1e-6 * WAY, "{way:?}");
+}
+
+#[test]
+fn a_force_behind_a_high_pass_is_said_to_be() {
+    for constant in [20.0, 50.0] {
+        let mut rows = made(4000, 0.01, 9);
+        behind_high_pass(&mut rows, constant);
+        let refused = told(&rows).expect_err("it sags").because;
+        assert!(
+            refused.contains("goes back to zero"),
+            "{constant} s: {refused}"
+        );
+    }
 }
 
 /// As many rows as a fast logger writes: what is taken of them is fine enough still.

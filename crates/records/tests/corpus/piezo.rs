@@ -2,6 +2,7 @@
 //! what drives a simulation.
 
 use crate::{Wanted, normal};
+use pigtail_control::compensation::hysteresis::{Memory, Model};
 use pigtail_model::hysteresis::{Hysteresis, HysteresisParameters, HysteresisState};
 use pigtail_records::hysteresis::{Columns, Data, Kind, Read, fit, tell};
 use pigtail_records::input;
@@ -17,6 +18,11 @@ type Rows = Vec<[f64; 3]>;
 const RIGHT: f64 = 2.0;
 
 fn made(seed: u64) -> Rows {
+    made_at(seed, || 30.0)
+}
+
+/// So many samples a volt, way by way.
+fn made_at(seed: u64, mut samples: impl FnMut() -> f64) -> Rows {
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
     let parameters = HysteresisParameters {
         opening: 0.15,
@@ -37,7 +43,7 @@ fn made(seed: u64) -> Rows {
     turns.push(0.0);
     let mut rows = Vec::new();
     for turn in turns.windows(2) {
-        let steps = (30.0 * (turn[1] - turn[0]).abs()) as u32;
+        let steps = (samples() * (turn[1] - turn[0]).abs()) as u32;
         for step in 0..steps {
             // Slower near its turns, as a sine is.
             let share =
@@ -320,6 +326,53 @@ fn no_model_of_a_mangled_record_of_a_piezo_is_wrong_and_looks_right() {
         wrong.len(),
         wrong.join("\n")
     );
+}
+
+/// A displacement that is read before the voltage of its row: no piezo leads, and a model without a lead is off by two to ten times what it says.
+#[test]
+fn a_displacement_that_is_read_early_is_told_for_what_it_is() {
+    let good = made(5);
+    let clean = read(&good).expect("a record").record;
+    let mut straight = f64::NAN;
+    for early in [0, 1, 3] {
+        let mut rows = good.clone();
+        for k in 0..rows.len() - early {
+            rows[k][2] = good[k + early][2];
+        }
+        rows.truncate(good.len() - early);
+        let tried = fit(read(&rows).expect("a record").record, Kind::Memory).expect("a model");
+        let said = tried.document.remarks.join(" ");
+        assert_eq!(
+            said.contains("before the voltage"),
+            early > 0,
+            "{early}: {said}"
+        );
+        let Model::Memory(model) = tried.model else {
+            panic!("{:?}", tried.model);
+        };
+        let own = Model::Memory(Memory { lag: 0.0, ..model });
+        let off = tell(&own, clean.clone()).document.percent_of_range;
+        if early == 0 {
+            straight = off;
+        }
+        assert!(
+            off < 1.5 * straight,
+            "{early}: {off} %, of the record as it is {straight} %"
+        );
+    }
+}
+
+#[test]
+fn a_voltage_that_goes_at_one_rate_is_said_to() {
+    let remarks = |rows: &Rows| {
+        let tried = fit(read(rows).expect("a record").record, Kind::Memory).expect("a model");
+        tried.document.remarks.join(" ")
+    };
+    let said = remarks(&made(6));
+    assert!(said.contains("one rate"), "{said}");
+    let mut rng = Pcg64Mcg::seed_from_u64(77);
+    let said = remarks(&made_at(6, || rng.random_range(10.0..80.0)));
+    assert!(!said.contains("one rate"), "{said}");
 }
 
 /// A good model on a mangled record: what it says it is off by is what it is off by, or it is doubted.

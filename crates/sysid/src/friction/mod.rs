@@ -6,6 +6,7 @@ mod blurred;
 mod bristle;
 mod changes;
 mod check;
+mod coupled;
 mod elements;
 mod filtered;
 mod fit;
@@ -168,6 +169,9 @@ pub fn identify(
         return Err(Unknown::all(
             "the displacement depends on the force as friction does on displacement: the columns look swapped",
         ));
+    }
+    if let Some(why) = coupled::coupled(record, chosen) {
+        return Err(Unknown::all(why));
     }
     if let Some(why) = beside::beside(record, chosen.relative_error_percent) {
         return Err(Unknown::all(why));
