@@ -7,6 +7,7 @@ use rand_pcg::Pcg64Mcg;
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::fs;
+use std::thread;
 
 /// Frequency (Hz), real and imaginary part.
 type Rows = Vec<[f64; 3]>;
@@ -288,18 +289,36 @@ fn judged(name: &str, wanted: Wanted, rows: &Rows, wrong: &mut Vec<String>) {
 }
 
 fn over(creep: f64) -> Vec<String> {
-    let mut wrong = Vec::new();
     let good = made(logarithmic(1.0, 3500.0, 500), creep, 0.01, 7);
-    for (k, (name, wanted, mangle)) in CASES.iter().enumerate() {
+    let mangled = CASES.iter().enumerate().map(|(k, (name, wanted, mangle))| {
         let mut rows = good.clone();
         mangle(&mut rows, &mut Pcg64Mcg::seed_from_u64(500 + k as u64));
-        judged(name, *wanted, &rows, &mut wrong);
-    }
+        (*name, *wanted, rows)
+    });
     let even = made((1..1000).map(|k| 3.5 * f64::from(k)), creep, 0.005, 8);
-    judged("even frequencies", Wanted::Right, &even, &mut wrong);
     let narrow = made(logarithmic(100.0, 1500.0, 400), creep, 0.005, 9);
-    judged("100 Hz to 1.5 kHz", Wanted::Right, &narrow, &mut wrong);
-    wrong
+    let good = [
+        ("even frequencies", Wanted::Right, even),
+        ("100 Hz to 1.5 kHz", Wanted::Right, narrow),
+    ];
+    let all: Vec<_> = mangled.chain(good).collect();
+    // Each takes seconds, and no other test of this suite as long.
+    let threads = thread::available_parallelism().map_or(1, usize::from);
+    let every = |first: usize| -> Vec<String> {
+        let mut wrong = Vec::new();
+        for (name, wanted, rows) in all.iter().skip(first).step_by(threads) {
+            judged(name, *wanted, rows, &mut wrong);
+        }
+        wrong
+    };
+    let every = &every;
+    thread::scope(|scope| {
+        let begun: Vec<_> = (0..threads)
+            .map(|first| scope.spawn(move || every(first)))
+            .collect();
+        let ended = begun.into_iter().map(thread::ScopedJoinHandle::join);
+        ended.flat_map(|wrong| wrong.expect("no panic")).collect()
+    })
 }
 
 #[test]
