@@ -12,7 +12,6 @@ mod seen;
 mod stand;
 
 use crossed::Crossed;
-use seen::Noisier;
 pub(super) use seen::Surprise;
 use stand::hidden_by_piezos;
 pub(super) use stand::{Stand, Way};
@@ -159,8 +158,6 @@ pub(super) struct Keepout {
     held: [bool; SIDES],
     fibers: [Option<Belief>; SIDES],
     sensing: Option<Belief>,
-    /// What frames tell of their noise.
-    noisier: Noisier,
     /// Where each fiber was led near to the chip, if it is there.
     led: [Option<Led>; SIDES],
     /// Since when each fiber has been in its holder, seconds.
@@ -234,7 +231,6 @@ impl Keepout {
             held: [false; SIDES],
             fibers: [None; SIDES],
             sensing: None,
-            noisier: Noisier::new(),
             led: [None; SIDES],
             since: [0.0; SIDES],
             begun: 0.0,

@@ -54,7 +54,7 @@ pub struct Memory {
     pub constants: [f64; RELAXATIONS],
     /// `s_k`.
     pub shares: [f64; RELAXATIONS],
-    /// By how much the displacement's record lags behind the voltage's, seconds.
+    /// By how much the displacement's record lags behind the voltage's, seconds; below zero where it was read before the voltage of its row.
     pub lag: f64,
 }
 

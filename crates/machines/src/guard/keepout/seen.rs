@@ -10,46 +10,6 @@ use pigtail_model::frames::{Chip, Point};
 const LAG: f64 = 2e-3;
 /// Standard deviations, and metres beside them, by which a frame may differ from what was expected.
 const SURPRISE: (f64, f64) = (8.0, 5e-6);
-/// How much noisier frames are than they say.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(in super::super) struct Noisier {
-    /// Mean square of what they differ by from what was expected, in what they say of their noise.
-    square: f64,
-    frames: f64,
-}
-
-impl Noisier {
-    /// Frames over which it is known, and as how many it counts what they say themselves. A choice, of which the second was 40 before a camera of five times
-    /// its noise was seen to stop a machine within twelve frames.
-    const FRAMES: (f64, f64) = (400.0, 10.0);
-    /// Mean squares up to this are those of frames that are as noisy as they say: of so few. A choice.
-    const AS_STATED: f64 = 2.0;
-    /// So many times noisier none is believed to be: it is broken. A choice.
-    const MOST: f64 = 6.0;
-
-    pub(in super::super) fn new() -> Self {
-        Self {
-            square: 1.0,
-            frames: Self::FRAMES.1,
-        }
-    }
-
-    /// So many times, one of frames that are not.
-    fn times(&self) -> f64 {
-        if self.square > Self::AS_STATED {
-            self.square.sqrt().min(Self::MOST)
-        } else {
-            1.0
-        }
-    }
-
-    /// Takes in by how much a frame differed that was believed, in what it says of its noise.
-    fn note(&mut self, by: f64) {
-        self.frames = (self.frames + 1.0).min(Self::FRAMES.0);
-        self.square += (by * by - self.square) / self.frames;
-    }
-}
-
 /// A frame that does not agree with the encoders.
 #[derive(Debug, Clone, PartialEq)]
 pub(in super::super) struct Surprise {
@@ -94,7 +54,7 @@ impl Keepout {
         facet.gap(at.z) < away && (at.x - facet.ports[0].x).abs() < aside
     }
 
-    fn update(&mut self, tip: Tip, fix: &TipFix, back: usize) -> Result<Belief, Surprise> {
+    fn update(&self, tip: Tip, fix: &TipFix, back: usize) -> Result<Belief, Surprise> {
         let side = tip.side().index();
         let stood = self.nominal(tip, back);
         let holder = *self.stand(side, back);
@@ -138,9 +98,7 @@ impl Keepout {
         let strayed = strays(z, [x, y]);
         let variance = before.z_variance + strayed * strayed;
         let by = seen[1] - before.z;
-        let expected = (variance + noise).sqrt();
-        surprise("z", by, sigmas * expected * self.noisier.times() + metres)?;
-        self.noisier.note(by / expected);
+        surprise("z", by, sigmas * (variance + noise).sqrt() + metres)?;
         let (by_x, hidden) = if let (Some(now), Some(then)) = (x_probed, before.x_probed) {
             // Outputs that are seen hide nothing, and lag behind nothing.
             (now - then, hidden_by_piezos(&holder, &before.holder))
@@ -174,30 +132,5 @@ impl Keepout {
             stood,
             ..across
         })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// By so many of what they say of their noise frames differ, to and fro.
-    fn after(by: f64, frames: usize) -> f64 {
-        let mut noisier = Noisier::new();
-        for _ in 0..frames {
-            noisier.note(by);
-        }
-        noisier.times()
-    }
-
-    #[test]
-    fn frames_are_as_noisy_as_they_are_seen_to_be() {
-        assert_eq!(after(1.0, 1000), 1.0);
-        assert_eq!(after(1.3, 1000), 1.0);
-        assert!((after(3.0, 2000) - 3.0).abs() < 0.05);
-        // A few are enough to know that they are noisier.
-        assert!(after(4.0, 10) > 2.5);
-        // However noisy, what is far off is seen.
-        assert_eq!(after(1e3, 1000), Noisier::MOST);
     }
 }
