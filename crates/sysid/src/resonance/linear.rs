@@ -110,21 +110,6 @@ impl<'a> Terms<'a> {
         std::iter::once(own * own / below).chain(self.record.skewed.then(skewed))
     }
 
-    /// The slopes of those by the logarithms of its frequency and of its damping.
-    fn mode_slopes(&self, (own, zeta): (f64, f64), w: f64) -> [[Complex<f64>; 2]; 2] {
-        let below = Complex::new(own * own - w * w, 2.0 * zeta * own * w);
-        let (damped, square) = (Complex::new(0.0, 2.0 * zeta * own * w), below * below);
-        let risen = damped + 2.0 * own * own;
-        let (plain, skewed) = (own * own, Complex::new(0.0, own * w));
-        [
-            [
-                2.0 * plain / below - plain * risen / square,
-                skewed / below - skewed * risen / square,
-            ],
-            [-plain * damped / square, -skewed * damped / square],
-        ]
-    }
-
     /// All columns at a point, one after the other.
     fn columns(&self, i: usize, mut set: impl FnMut(usize, Complex<f64>)) {
         let w = TAU * self.record.frequency[i];
@@ -149,7 +134,7 @@ impl<'a> Terms<'a> {
         let turn = self.turn(i);
         let (each, modes) = (self.each(), self.own.len());
         for (k, own) in self.own.iter().enumerate() {
-            for (which, slopes) in self.mode_slopes(*own, w).iter().enumerate() {
+            for (which, slopes) in mode_slopes(*own, w).iter().enumerate() {
                 let [plain, skewed] = slopes.map(|s| turn * s);
                 let both = [(each * k, plain), (each * k + 1, skewed)];
                 set(2 * k + which, &both[..each]);
@@ -162,6 +147,21 @@ impl<'a> Terms<'a> {
             set(2 * modes + 1 + m, &[(column, turn * slope)]);
         }
     }
+}
+
+/// The slopes of a mode's columns, but for what all have alike, by the logarithms of its frequency and of its damping.
+fn mode_slopes((own, zeta): (f64, f64), w: f64) -> [[Complex<f64>; 2]; 2] {
+    let below = Complex::new(own * own - w * w, 2.0 * zeta * own * w);
+    let (damped, square) = (Complex::new(0.0, 2.0 * zeta * own * w), below * below);
+    let risen = damped + 2.0 * own * own;
+    let (plain, skewed) = (own * own, Complex::new(0.0, own * w));
+    [
+        [
+            2.0 * plain / below - plain * risen / square,
+            skewed / below - skewed * risen / square,
+        ],
+        [-plain * damped / square, -skewed * damped / square],
+    ]
 }
 
 /// The best factors of some columns, and what they leave.
@@ -194,7 +194,7 @@ impl Solved {
             normal[(i, i)] += 1e-12;
         }
         let normal = normal.cholesky()?;
-        let values = best(&normal, &scale, x.tr_mul(&y));
+        let values = best(&normal, &scale, &x.tr_mul(&y));
         let left = &y - &x * &values;
         Some(Self {
             x,
@@ -207,7 +207,7 @@ impl Solved {
 }
 
 /// Factors of columns by what goes with each of them.
-fn best(normal: &Cholesky<f64, Dyn>, scale: &DVector<f64>, right: DVector<f64>) -> DVector<f64> {
+fn best(normal: &Cholesky<f64, Dyn>, scale: &DVector<f64>, right: &DVector<f64>) -> DVector<f64> {
     let right = right.component_div(scale);
     normal.solve(&right).component_div(scale)
 }
@@ -328,7 +328,7 @@ impl Record {
         }
         let mut back = solved.x.tr_mul(&moved) - against;
         for mut column in back.column_iter_mut() {
-            let solved = best(&solved.normal, &solved.scale, column.clone_owned());
+            let solved = best(&solved.normal, &solved.scale, &column.clone_owned());
             column.copy_from(&solved);
         }
         &solved.x * back - moved
