@@ -8,14 +8,19 @@ use std::cell::RefCell;
 /// Step of the differences.
 const STEP: f64 = 1e-5;
 
-struct Problem<'a, F> {
+struct Problem<'a, F, S> {
     residuals: &'a F,
+    slopes: S,
     parameters: DVector<f64>,
     /// The least square met, and where: a search that ends where the model leaves nothing finite stands there.
     best: RefCell<Option<(f64, Vec<f64>)>>,
 }
 
-impl<F: Fn(&[f64]) -> Vec<f64>> LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, F> {
+impl<F, S> LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, F, S>
+where
+    F: Fn(&[f64]) -> Vec<f64>,
+    S: Fn(&[f64]) -> Option<DMatrix<f64>>,
+{
     type ParameterStorage = Owned<f64, Dyn>;
     type ResidualStorage = Owned<f64, Dyn>;
     type JacobianStorage = Owned<f64, Dyn, Dyn>;
@@ -42,7 +47,7 @@ impl<F: Fn(&[f64]) -> Vec<f64>> LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'
     }
 
     fn jacobian(&self) -> Option<DMatrix<f64>> {
-        let slopes = jacobian(self.residuals, self.parameters.as_slice());
+        let slopes = (self.slopes)(self.parameters.as_slice())?;
         slopes.iter().all(|s| s.is_finite()).then_some(slopes)
     }
 }
@@ -70,8 +75,18 @@ fn jacobian(residuals: &impl Fn(&[f64]) -> Vec<f64>, at: &[f64]) -> DMatrix<f64>
 ///
 /// `None` where the model leaves nothing finite from `start` on.
 pub fn minimise(residuals: impl Fn(&[f64]) -> Vec<f64>, start: &[f64]) -> Option<(Vec<f64>, f64)> {
+    minimise_by(&residuals, |at| Some(jacobian(&residuals, at)), start)
+}
+
+/// The same where the residuals' slopes are known, a column for each parameter.
+pub fn minimise_by(
+    residuals: impl Fn(&[f64]) -> Vec<f64>,
+    slopes: impl Fn(&[f64]) -> Option<DMatrix<f64>>,
+    start: &[f64],
+) -> Option<(Vec<f64>, f64)> {
     let problem = Problem {
         residuals: &residuals,
+        slopes,
         parameters: DVector::from_column_slice(start),
         best: RefCell::new(None),
     };

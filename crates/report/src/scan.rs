@@ -104,7 +104,8 @@ pub fn notes(document: &MapDocument) -> Vec<String> {
         let unit = document.place_unit;
         notes.push(format!(
             "By its readings alone the peak of the whole map is known to {by:.4} {unit}; what is said allows for light that changes by a quarter while \
-             it is scanned, which no map tells from a peak elsewhere."
+             it is scanned, which no map tells from a peak elsewhere. Nor does a stage leave a mark that slips where it is dark: the peak is where it was \
+             before, or since."
         ));
     }
     if let Some(late) = document.a_reading_late_um

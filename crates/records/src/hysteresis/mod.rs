@@ -8,8 +8,8 @@ pub use data::{Columns, Data, Read, WantedPath};
 
 use crate::columns::LengthUnit;
 use pigtail_control::compensation::hysteresis::{
-    Creep, Errors, Invalid, Model, Range, Rbf, Record, Zero, fit_memory, invert, judge, predict,
-    straight,
+    Creep, Errors, Invalid, Memory, Model, Range, Rbf, Record, Zero, fit_memory, invert, judge,
+    predict, straight,
 };
 use pigtail_hal::{Error, Side};
 use pigtail_numerics::regression::{least_squares, matrix};
@@ -174,6 +174,10 @@ pub struct HysteresisDocument {
     pub held_back: Option<Part>,
     /// By how much displacement lags behind voltage, milliseconds.
     pub lag_ms: f64,
+    /// How far off the model would be without that lag, root mean square, per cent of the range: as far as it is off where the lag is of the
+    /// record's logger and not of amplifier and sensor; only where it was fitted, and of a model with memory.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lag_percent: Option<f64>,
     /// What was taken off the prediction, for a sensor's zero is arbitrary; only in a prediction.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub offset_um: Option<f64>,
@@ -213,6 +217,7 @@ impl HysteresisDocument {
             fitted: None,
             held_back: None,
             lag_ms: rounded(1e3 * model.lag(), 1e-3),
+            lag_percent: None,
             offset_um: None,
             rms_v: None,
             samples,
@@ -226,6 +231,21 @@ impl HysteresisDocument {
             model_file: String::new(),
             report: String::new(),
         }
+    }
+}
+
+impl HysteresisDocument {
+    /// That a lag counts: a logger that reads displacement late looks as an amplifier or a sensor does that lags, and a model of the one is none
+    /// of the other.
+    fn of_a_logger(&self) -> Option<String> {
+        let worth = self.lag_percent?;
+        (self.lag_ms > 0.0 && worth > self.percent_of_range).then(|| {
+            format!(
+                "displacement lags by {:.3} ms, and the model with it, as of an amplifier or a sensor. Was it read late by the logger alone, then the model is \
+                 {worth:.2} % of the range off at these rates, not {:.2}: no record tells the two apart",
+                self.lag_ms, self.percent_of_range
+            )
+        })
     }
 }
 
@@ -388,6 +408,9 @@ pub fn fit(record: Record, kind: Kind) -> Result<Tried, Invalid> {
             document.doubt = format!("where it was fitted {doubt}");
         }
     }
+    document.lag_percent =
+        worth_of_lag(&model, &record, &prediction, to).map(|um| rounded(100.0 * um / range, 1e-6));
+    remarks.extend(document.of_a_logger());
     document.remarks = remarks;
     document.fitted = Some(fitted);
     document.held_back = Some(held_back);
@@ -402,6 +425,16 @@ pub fn fit(record: Record, kind: Kind) -> Result<Tried, Invalid> {
         model,
         record,
     })
+}
+
+/// How far a model's lag moves what it tells from a sample on, root mean square, micrometres.
+fn worth_of_lag(model: &Model, record: &Record, prediction: &[f64], from: usize) -> Option<f64> {
+    let Model::Memory(own) = model else {
+        return None;
+    };
+    let without = predict(&Model::Memory(Memory { lag: 0.0, ..*own }), record);
+    let apart = prediction.iter().zip(&without).skip(from);
+    Some(rms(apart.map(|(a, b)| a - b)))
 }
 
 /// Lets a model tell another record.

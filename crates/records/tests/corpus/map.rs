@@ -459,6 +459,26 @@ const CASES: &[Case] = &[
         }
         map
     }),
+    (
+        "a stage that slipped half a radius along its rows, the peak where it is since",
+        Wanted::Either,
+        |s, rng| {
+            let by = 0.5 * s.radii[0];
+            let map = slipped(s, rng, (by, 0.0));
+            s.x -= by;
+            map
+        },
+    ),
+    (
+        "two scans in one file, half a radius aside of each other",
+        Wanted::Either,
+        |s, rng| {
+            let mut map = plain(s, rng);
+            s.x += 0.5 * s.radii[1];
+            map.extend(plain(s, rng));
+            map
+        },
+    ),
 ];
 
 fn text(map: &Map) -> String {
@@ -647,7 +667,8 @@ fn hardly_a_map_of_many_is_wrong_and_called_aligned() {
     // ones of each kind none was. What is written a reading late along a spiral does not show where the spiral hardly turns on the
     // peak: the book says how many.
     // A stage that slips on by half a radius across its lines leaves a peak that is narrower that way and between two places: where its shape
-    // explains it all nothing shows it. Five of 25 were wrong when they were first counted, and the bound is of after that.
+    // explains it all nothing shows it. Five of 25 were wrong when they were first counted, none since a place of its own alone is asked of all that
+    // comes after some reading, and the bound is of after that.
     let (late, wrong): (Vec<_>, Vec<_>) = report(100..125)
         .into_iter()
         .partition(|wrong| wrong.starts_with("along a spiral, "));
@@ -662,7 +683,7 @@ fn hardly_a_map_of_many_is_wrong_and_called_aligned() {
         slipped.len()
     );
     assert!(
-        wrong.len() <= 1 && late.len() <= 3 && slipped.len() <= 5,
+        wrong.len() <= 1 && late.len() <= 3 && slipped.len() <= 1,
         "{all}"
     );
 }

@@ -124,8 +124,10 @@ impl Unsteady {
         Self {
             light,
             aside,
-            parts,
-            deviation: unseen.hypot(moves).hypot(aside).hypot(parts),
+            parts: parts.told,
+            deviation: [moves, aside, parts.told, parts.open]
+                .into_iter()
+                .fold(unseen, f64::hypot),
         }
     }
 }

@@ -9,7 +9,6 @@ use super::search::{extend, squares};
 use crate::Unknown;
 use crate::steady::chi_squared;
 use nalgebra::DVector;
-use pigtail_numerics::nonlinear::{minimise, uncertainty_of_points};
 use pigtail_numerics::signal::{independent, rms};
 use std::f64::consts::TAU;
 
@@ -102,8 +101,8 @@ pub(super) fn sides(record: &Record, coded: &[f64]) -> Option<Vec<Sides>> {
 
 fn two(records: &[Record; 2], names: [&'static str; 2], coded: &[f64]) -> Option<Vec<Sides>> {
     let told = |record: &Record| {
-        let (values, _) = minimise(|c| record.residuals(c), coded)?;
-        let known = uncertainty_of_points(|c| record.residuals(c), &values)?;
+        let (values, _) = record.settle(coded)?;
+        let known = record.known(&values)?;
         let std = known.std.into_iter().zip(known.std_correlated);
         Some((values, std.map(|(a, b)| a.max(b)).collect::<Vec<f64>>()))
     };

@@ -157,7 +157,7 @@ mod tests {
         let opens = |response: &[Complex<f64>]| {
             let record = Record::new(&frequency, response, None).unwrap();
             let start = [(TAU * 150.0).ln(), 0.02_f64.ln(), 0.0];
-            let (coded, _) = minimise(|c| record.residuals(c), &start).unwrap();
+            let (coded, _) = record.settle(&start).unwrap();
             let (values, _) = record.linear(&coded).unwrap();
             (coded[1].exp(), open(&record, &coded, &values)[1])
         };

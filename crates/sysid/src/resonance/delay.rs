@@ -4,8 +4,9 @@ use super::record::{Filter, Record};
 use super::search::{extend_pole, squares};
 use super::{Known, Model, Unknown};
 use crate::steady::chi_squared;
-use nalgebra::Complex;
-use pigtail_numerics::nonlinear::{minimise, uncertainty_of_points};
+use nalgebra::{Complex, DMatrix, DVector};
+use pigtail_numerics::nonlinear::{minimise, minimise_by, uncertainty_of_points};
+use pigtail_numerics::regression::Solution;
 use pigtail_numerics::signal::independent;
 use pigtail_numerics::statistics::spread_of_mixture;
 use std::f64::consts::SQRT_2;
@@ -33,7 +34,7 @@ pub(super) fn between(models: &[Model], own: f64) -> f64 {
     let told = models.first().map_or(0.0, |m| m.coded[at(m)]);
     let others = models[1..].iter().filter(|m| m.likely > NOTHING);
     let others = others.filter_map(|m| {
-        let known = uncertainty_of_points(|c| m.record.residuals(c), &m.coded)?;
+        let known = m.record.known(&m.coded)?;
         let known = known.std[at(m)].max(known.std_correlated[at(m)]);
         Some((m.likely, m.coded[at(m)] - told, known))
     });
@@ -55,13 +56,12 @@ pub(super) fn delay_spread(record: &Record, coded: &[f64]) -> f64 {
     // filter's pole turns each mode's residue, and nobody looked for that, modes of proportional damping tell a delay all the more
     // surely, and another one.
     let mut asked: Option<(f64, f64)> = None;
-    let mut by_model = |model: &dyn Fn(&[f64]) -> Vec<f64>, other: &[f64], more: usize| {
-        let known = uncertainty_of_points(model, other);
+    let mut by_model = |known: Option<Solution>, left: f64, other: &[f64], more: usize| {
         let Some(known) = known.map(|s| s.std[at].max(s.std_correlated[at])) else {
             return;
         };
         let off = (other[at] - own).abs();
-        let gained = points * (least / squares(&model(other))).ln();
+        let gained = points * (least / left).ln();
         // More numbers tell no less: a search that ended elsewhere.
         if more > 0 && gained < 0.0 {
             return;
@@ -79,20 +79,21 @@ pub(super) fn delay_spread(record: &Record, coded: &[f64]) -> f64 {
         skewed: !record.skewed,
         ..record.clone()
     };
-    if let Some((other, _)) = minimise(|c| turned.residuals(c), coded) {
+    if let Some((other, _)) = turned.settle(coded) {
         // A model that tells much worse says nothing.
-        if left(&turned, &other) < 2.0 * least {
+        let told = left(&turned, &other);
+        if told < 2.0 * least {
             let modes = if turned.skewed { at / 2 } else { 0 };
-            by_model(&|c| turned.residuals(c), &other, modes);
+            by_model(turned.known(&other), told, &other, modes);
         }
     }
     let more = record.with_poles(record.poles + 1);
     if let Some(other) = extend_pole(&more, coded) {
-        by_model(&|c| more.residuals(c), &other, 2);
+        by_model(more.known(&other), left(&more, &other), &other, 2);
     }
-    let filtered = |c: &[f64]| behind_a_filter(record, c);
-    if let Some(other) = a_filter(&filtered, coded, (at, record.filter != Filter::None)) {
-        by_model(&filtered, &other, 1);
+    if let Some((other, told)) = a_filter(record, coded) {
+        let known = uncertainty_of_points(|c| behind_a_filter(record, c), &other);
+        by_model(known, told, &other, 1);
     }
     // With modes and poles as they are, by a part of the points.
     let n = record.frequency.len();
@@ -133,9 +134,28 @@ fn behind_a_filter(record: &Record, coded: &[f64]) -> Vec<f64> {
     let Some((above, model)) = coded.split_last() else {
         return Vec::new();
     };
+    unfiltered(record, *above).residuals(model)
+}
+
+/// How that changes with the model's numbers and the filter's.
+fn behind_a_filter_slopes(record: &Record, coded: &[f64]) -> Option<DMatrix<f64>> {
+    /// A step of the filter's.
+    const STEP: f64 = 1e-5;
+    let (above, model) = coded.split_last()?;
+    let slopes = unfiltered(record, *above).slopes_at(model)?;
+    let beside = |by: f64| DVector::from_vec(unfiltered(record, above + by).residuals(model));
+    let own = (beside(STEP) - beside(-STEP)) / (2.0 * STEP);
+    let last = slopes.ncols();
+    let mut all = slopes.insert_column(last, 0.0);
+    all.set_column(last, &own);
+    Some(all)
+}
+
+/// A response as it was before a filter of one pole.
+fn unfiltered(record: &Record, above: f64) -> Record {
     let before = |k: usize| Complex::new(1.0, above * record.frequency[k] / record.highest());
     let points = 0..record.frequency.len();
-    let unfiltered = Record {
+    Record {
         response: points
             .clone()
             .map(|k| record.response[k] * before(k))
@@ -145,8 +165,7 @@ fn behind_a_filter(record: &Record, coded: &[f64]) -> Vec<f64> {
             .map(|k| record.weight[k] / before(k).norm())
             .collect(),
         ..record.clone()
-    };
-    unfiltered.residuals(model)
+    }
 }
 
 /// Where a model begins of which the slowest real pole comes before the modes, below which it lies.
@@ -195,25 +214,24 @@ pub(super) fn behind_two(record: &Record, coded: &[f64]) -> (Record, Vec<f64>) {
     (record, start)
 }
 
-/// The numbers of a model behind a filter that tell a response best, the filter begun within and above the points.
-fn a_filter(
-    left: &impl Fn(&[f64]) -> Vec<f64>,
-    coded: &[f64],
-    (delay, filtered): (usize, bool),
-) -> Option<Vec<f64>> {
+/// The numbers of a model behind a filter that tell a response best, the filter begun within and above the points; and what they leave, squared.
+fn a_filter(record: &Record, coded: &[f64]) -> Option<(Vec<f64>, f64)> {
     const ABOVE: [f64; 2] = [0.3, 1.5];
+    let delay = 2 * record.modes(coded);
+    let filtered = record.filter != Filter::None;
+    let settled = |above: &f64| {
+        let mut start = [coded, &[*above][..]].concat();
+        start[delay] -= above;
+        let residuals = |c: &[f64]| behind_a_filter(record, c);
+        minimise_by(residuals, |c| behind_a_filter_slopes(record, c), &start)
+    };
+    let above = |found: &[f64]| {
+        let filters = &found[coded.len() - usize::from(filtered)..];
+        filters.iter().all(|above| *above > 0.0)
+    };
     ABOVE
         .iter()
-        .filter_map(|above| {
-            let mut start = [coded, &[*above][..]].concat();
-            start[delay] -= above;
-            minimise(left, &start)
-        })
-        .filter(|(found, _)| {
-            found[coded.len() - 1 + usize::from(!filtered)..]
-                .iter()
-                .all(|above| *above > 0.0)
-        })
+        .filter_map(settled)
+        .filter(|(found, _)| above(found))
         .min_by(|a, b| a.1.total_cmp(&b.1))
-        .map(|(found, _)| found)
 }

@@ -17,6 +17,7 @@
 mod alike;
 mod averaged;
 mod delay;
+mod linear;
 mod magnitude;
 mod models;
 mod record;
@@ -32,7 +33,6 @@ use self::record::ASIDE;
 use self::search::Found;
 use super::{Known, Parameter, Unknown};
 use nalgebra::Complex;
-use pigtail_numerics::nonlinear::uncertainty_of_points;
 use pigtail_numerics::regression::{Solution, least_squares};
 use pigtail_numerics::signal::quantile;
 use std::f64::consts::{PI, TAU};
@@ -311,7 +311,8 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
     if modes == MODES {
         alike::few_enough(record, &coded, WORTH)?;
     }
-    let solution = uncertainty_of_points(|c| record.residuals(c), &coded)
+    let solution = record
+        .known(&coded)
         .ok_or_else(|| Unknown::all("its modes depend on each other"))?;
     let (values, _) = record
         .linear(&coded)

@@ -3,7 +3,6 @@
 use super::record::{Filter, Record};
 use super::search::{self, Found, pruned, search, squares, without_idle_modes, without_idle_poles};
 use super::{ENOUGH, Unknown, delay, modes_of};
-use pigtail_numerics::nonlinear::minimise;
 
 /// Models of a response that it does not exclude, settled on all of its points, the likeliest first; and of each how likely it is beside that, and its
 /// error at the points held back.
@@ -107,7 +106,7 @@ impl Model {
             return None;
         }
         let (record, start) = delay::behind_two(&self.record, &self.coded);
-        let (coded, _) = minimise(|c| record.residuals(c), &start)?;
+        let (coded, _) = record.settle(&start)?;
         let coded = search::without_idle_modes(&record, coded);
         Some(Self {
             record,
@@ -119,7 +118,7 @@ impl Model {
     /// The same with its slowest real pole before the modes.
     fn creeping(&self) -> Option<Self> {
         let (record, start) = delay::in_series(&self.record, &self.coded)?;
-        let (coded, _) = minimise(|c| record.residuals(c), &start)?;
+        let (coded, _) = record.settle(&start)?;
         Some(Self {
             record,
             coded,
@@ -135,12 +134,13 @@ fn settled(record: &Record, found: &Found) -> Result<Model, Unknown> {
     let every = record.frequency.len().div_ceil(2 * ENOUGH);
     let (even, odd) = (record.points(0, 2 * every), record.points(every, 2 * every));
     let (coded, error) = pruned(found.coded, record.poles + record.factors(), |coded| {
-        let (settled, _) = minimise(|c| even.residuals(c), coded)?;
+        let (settled, _) = even.settle(coded)?;
         let (values, _) = even.linear(&settled)?;
         Some(odd.error(&settled, &values)).filter(|e| e.is_finite())
     })
     .ok_or_else(|| Unknown::all("the fit to its points failed"))?;
-    let (coded, _) = minimise(|c| record.residuals(c), &coded)
+    let (coded, _) = record
+        .settle(&coded)
         .ok_or_else(|| Unknown::all("the fit to all of its points failed"))?;
     let coded = without_idle_modes(&record, coded);
     Ok(Model {

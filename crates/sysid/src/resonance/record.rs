@@ -2,9 +2,9 @@
 
 use super::{POLES, Unknown};
 use crate::timeline::counted;
-use nalgebra::{Complex, DMatrix};
+use nalgebra::Complex;
 use pigtail_numerics::signal::quantile;
-use std::f64::consts::{SQRT_2, TAU};
+use std::f64::consts::TAU;
 
 /// Fewest points.
 const LEAST: usize = 20;
@@ -286,7 +286,7 @@ impl Record {
     }
 
     /// The share of creep that comes before the modes, and its pole, rad/s.
-    fn creep(&self, coded: &[f64]) -> Option<(f64, f64)> {
+    pub(super) fn creep(&self, coded: &[f64]) -> Option<(f64, f64)> {
         let at = coded.len() - self.factors();
         self.creeping.then(|| (coded[at], coded[at + 1].exp()))
     }
@@ -312,131 +312,6 @@ impl Record {
 
     pub(super) fn highest(&self) -> f64 {
         self.frequency.last().copied().unwrap_or(1.0)
-    }
-
-    /// The columns of what is linear: real parts of all points, then imaginary ones.
-    pub(super) fn columns(&self, coded: &[f64]) -> DMatrix<f64> {
-        let n = self.frequency.len();
-        let top = TAU * self.highest();
-        let modes = self.modes(coded);
-        let tau = coded[2 * modes] / top;
-        let each = if self.skewed { 2 } else { 1 };
-        let mut x = DMatrix::zeros(2 * n, self.linear_parts(coded));
-        // Exponentials once for all frequencies: they are half of what a search takes.
-        let own: Vec<(f64, f64)> = (0..modes)
-            .map(|k| (coded[2 * k].exp(), coded[2 * k + 1].exp()))
-            .collect();
-        let poles = &coded[2 * modes + 1..];
-        let poles: Vec<f64> = poles[..self.poles].iter().map(|p| p.exp()).collect();
-        let above = coded[coded.len() - 1];
-        let creep = self.creep(coded);
-        for i in 0..n {
-            let w = TAU * self.frequency[i];
-            let mut turn = Complex::from_polar(self.weight[i], -w * tau);
-            if let Some((share, pole)) = creep {
-                turn *= 1.0 + share / Complex::new(1.0, w / pole);
-            }
-            let over = above * w / top;
-            match self.filter {
-                Filter::None => {}
-                Filter::Pole => turn /= Complex::new(1.0, over),
-                Filter::Two => turn /= Complex::new(1.0 - over * over, SQRT_2 * over),
-            }
-            if self.rate {
-                turn *= Complex::new(0.0, w / top);
-            }
-            let mut set = |j: usize, value: Complex<f64>| {
-                let value = self.leaning(i, turn * value);
-                x[(i, j)] = value.re;
-                x[(n + i, j)] = value.im;
-            };
-            for (k, (own, zeta)) in own.iter().copied().enumerate() {
-                let below = Complex::new(own * own - w * w, 2.0 * zeta * own * w);
-                set(each * k, own * own / below);
-                if self.skewed {
-                    set(each * k + 1, Complex::new(0.0, own * w) / below);
-                }
-            }
-            let s = w / top;
-            set(each * modes, Complex::new(1.0, 0.0));
-            set(each * modes + 1, Complex::new(0.0, -1.0 / s));
-            set(each * modes + 2, Complex::new(-1.0 / (s * s), 0.0));
-            for (m, pole) in poles.iter().enumerate() {
-                let pole = 1.0 / Complex::new(1.0, w / pole);
-                set(each * modes + 3 + m, pole);
-            }
-        }
-        x
-    }
-
-    /// What belongs to a point, turned to its response and weighed by what is along it and across.
-    fn leaning(&self, i: usize, value: Complex<f64>) -> Complex<f64> {
-        let Some([along, across]) = self.lean else {
-            return value;
-        };
-        let turned = value * Complex::from_polar(1.0, -self.response[i].arg());
-        Complex::new(along * turned.re, across * turned.im)
-    }
-
-    pub(super) fn target(&self) -> Vec<f64> {
-        let weighted = || {
-            let all = self.response.iter().zip(&self.weight).enumerate();
-            all.map(|(i, (h, w))| self.leaning(i, h * *w))
-        };
-        weighted()
-            .map(|h| h.re)
-            .chain(weighted().map(|h| h.im))
-            .collect()
-    }
-
-    /// What is left with the best linear part; NaN where there is none.
-    pub(super) fn residuals(&self, coded: &[f64]) -> Vec<f64> {
-        let bad = || vec![f64::NAN; 2 * self.frequency.len()];
-        if coded.iter().any(|c| c.is_nan() || c.abs() >= 60.0) {
-            return bad();
-        }
-        self.linear(coded)
-            .map_or_else(bad, |(_, residuals)| residuals)
-    }
-
-    pub(super) fn linear(&self, coded: &[f64]) -> Option<(Vec<f64>, Vec<f64>)> {
-        let x = self.columns(coded);
-        let y = nalgebra::DVector::from_vec(self.target());
-        // Normal equations of columns of length one: these are many small problems.
-        let p = x.ncols();
-        let mut normal = DMatrix::zeros(p, p);
-        for i in 0..p {
-            for j in 0..=i {
-                normal[(i, j)] = x.column(i).dot(&x.column(j));
-            }
-        }
-        let scale: Vec<f64> = (0..p).map(|j| normal[(j, j)].sqrt().max(1e-300)).collect();
-        for i in 0..p {
-            for j in 0..=i {
-                normal[(i, j)] /= scale[i] * scale[j];
-                normal[(j, i)] = normal[(i, j)];
-            }
-            normal[(i, i)] += 1e-12;
-        }
-        let right = nalgebra::DVector::from_fn(p, |j, _| x.column(j).dot(&y) / scale[j]);
-        let mut values = normal.cholesky()?.solve(&right);
-        for (value, scale) in values.iter_mut().zip(&scale) {
-            *value /= scale;
-        }
-        let residuals = &y - x * &values;
-        Some((values.as_slice().to_vec(), residuals.as_slice().to_vec()))
-    }
-
-    /// Relative error of a linear part found elsewhere.
-    pub(super) fn error(&self, coded: &[f64], values: &[f64]) -> f64 {
-        let prediction = self.columns(coded) * nalgebra::DVector::from_column_slice(values);
-        let target = self.target();
-        let residuals: Vec<f64> = target
-            .iter()
-            .zip(prediction.iter())
-            .map(|(a, b)| a - b)
-            .collect();
-        pigtail_numerics::regression::relative(&residuals, &target)
     }
 
     /// Delay by the median slope of the phase, in units of the inverse of the highest angular frequency.

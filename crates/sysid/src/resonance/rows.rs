@@ -7,7 +7,6 @@ use super::Record;
 use super::search::squares;
 use crate::Unknown;
 use nalgebra::Complex;
-use pigtail_numerics::nonlinear::minimise;
 
 /// Rows by which a magnitude may be too late or too early.
 const APART: [isize; 5] = [1, 2, 3, 4, 6];
@@ -43,7 +42,7 @@ pub(super) fn of_one(record: &Record, coded: &[f64]) -> Result<(), Unknown> {
     let plain = left(record, coded);
     let told = |by: isize| {
         let moved = shifted(record, by);
-        let (settled, _) = minimise(|c| moved.residuals(c), coded)?;
+        let (settled, _) = moved.settle(coded)?;
         Some((left(&moved, &settled), by))
     };
     let best = APART

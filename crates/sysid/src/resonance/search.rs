@@ -2,7 +2,6 @@
 
 use super::record::Filter;
 use super::{ENOUGH, MODES, Record, WORTH};
-use pigtail_numerics::nonlinear::minimise;
 use pigtail_numerics::signal::independent;
 use std::f64::consts::TAU;
 
@@ -24,13 +23,14 @@ pub(super) fn extend(record: &Record, coded: &[f64]) -> Option<Vec<f64>> {
             low * (high / low).powf(share)
         }
     });
+    let left = record.with_a_mode(coded);
     let mut tries = Vec::new();
     for place in places {
         for zeta in [0.005_f64, 0.02, 0.08, 0.3] {
             let mut with = coded.to_vec();
-            let at = 2 * record.modes(coded);
-            with.splice(at..at, [(TAU * place).ln(), zeta.ln()]);
-            tries.push((squares(&record.residuals(&with)), with));
+            let (at, mode) = (2 * record.modes(coded), [(TAU * place).ln(), zeta.ln()]);
+            with.splice(at..at, mode);
+            tries.push((left(mode), with));
         }
     }
     tries.retain(|t| t.0.is_finite());
@@ -38,7 +38,7 @@ pub(super) fn extend(record: &Record, coded: &[f64]) -> Option<Vec<f64>> {
     let best = tries
         .into_iter()
         .take(2)
-        .filter_map(|(_, start)| minimise(|c| record.residuals(c), &start))
+        .filter_map(|(_, start)| record.settle(&start))
         .min_by(|a, b| a.1.total_cmp(&b.1))?;
     Some(best.0)
 }
@@ -59,7 +59,7 @@ pub(super) fn extend_pole(record: &Record, coded: &[f64]) -> Option<Vec<f64>> {
         .filter(|t| t.0.is_finite())
         .collect();
     tries.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let settle = |(_, start): (f64, Vec<f64>)| minimise(|c| record.residuals(c), &start);
+    let settle = |(_, start): (f64, Vec<f64>)| record.settle(&start);
     let best = tries
         .into_iter()
         .take(2)
@@ -118,20 +118,47 @@ pub(super) fn search(record: &Record) -> Found {
     for share in [0.0, 0.15, 0.3, 0.5, 0.75, 1.0] {
         let start = share * slope;
         let start = [&[start][..], filter].concat();
-        let settled = minimise(|c| even.residuals(c), &start).map_or(start, |(c, _)| c);
+        let settled = even.settle(&start).map_or(start, |(c, _)| c);
         if delays.iter().all(|d| (d[0] - settled[0]).abs() > ONE) {
             delays.push(settled);
         }
     }
+    let mut seen = Vec::new();
     delays
         .iter()
-        .map(|delay| search_from(record, delay))
+        .filter_map(|delay| search_from(record, delay, &mut seen))
         .min_by(|a, b| a.error.total_cmp(&b.error))
-        .unwrap_or_else(|| search_from(record, &[&[0.0][..], filter].concat()))
+        .unwrap_or(Found {
+            coded: [&[0.0][..], filter].concat(),
+            poles: 0,
+            error: f64::INFINITY,
+            none: f64::INFINITY,
+        })
+}
+
+/// What a search has come to: numbers of a model and how many real poles are among them.
+type Met = (usize, Vec<f64>);
+
+/// Whether a search has come to where one has been, be it with its modes in another order: from there on they are one.
+fn been(seen: &mut Vec<Met>, record: &Record, poles: usize, coded: &[f64]) -> bool {
+    /// By which logarithms differ that are of one minimum.
+    const ONE: f64 = 1e-4;
+    let modes = 2 * record.with_poles(poles).modes(coded);
+    let mut pairs: Vec<&[f64]> = coded[..modes].chunks_exact(2).collect();
+    pairs.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let met = (poles, [&pairs.concat(), &coded[modes..]].concat());
+    let alike = |other: &Met| {
+        let near = |(a, b): (&f64, &f64)| (a - b).abs() < ONE;
+        other.0 == met.0 && other.1.len() == met.1.len() && other.1.iter().zip(&met.1).all(near)
+    };
+    let been = seen.iter().any(alike);
+    seen.push(met);
+    been
 }
 
 /// A search from a delay, and a filter where there is one, that a response without modes has settled at.
-fn search_from(record: &Record, delay: &[f64]) -> Found {
+/// `None` where it comes to where another one has been.
+fn search_from(record: &Record, delay: &[f64], seen: &mut Vec<Met>) -> Option<Found> {
     let every = record.frequency.len().div_ceil(2 * ENOUGH);
     let (even, odd) = (record.points(0, 2 * every), record.points(every, 2 * every));
     let judged = |coded: &[f64], poles: usize| {
@@ -168,16 +195,19 @@ fn search_from(record: &Record, delay: &[f64]) -> Found {
         match best {
             Some((found, count, more)) if found <= (1.0 - WORTH) * error => {
                 (error, poles, coded) = (found, count, more);
+                if been(seen, record, poles, &coded) {
+                    return None;
+                }
             }
             _ => break,
         }
     }
-    Found {
+    Some(Found {
         coded,
         poles,
         error,
         none,
-    }
+    })
 }
 
 /// Without the real poles that all of the points do not need, one by one.
@@ -188,7 +218,7 @@ fn search_from(record: &Record, delay: &[f64]) -> Found {
 /// within its own deviation gains a hundredth of what is asked for.
 pub(super) fn without_idle_poles(record: &Record, found: &Found) -> Option<(Record, Found)> {
     let mut own = record.with_poles(found.poles);
-    let mut coded = minimise(|c| own.residuals(c), &found.coded)?.0;
+    let mut coded = own.settle(&found.coded)?.0;
     while own.poles > 0 {
         let fewer = own.with_poles(own.poles - 1);
         let Some((best, left)) = (0..own.poles)
@@ -225,7 +255,7 @@ pub(super) fn without_idle_modes(record: &Record, mut coded: Vec<f64>) -> Vec<f6
         let without = |k: usize| {
             let mut fewer = coded.clone();
             fewer.drain(2 * k..2 * k + 2);
-            minimise(|c| record.residuals(c), &fewer)
+            record.settle(&fewer)
         };
         let fewer = (0..record.modes(&coded))
             .filter_map(without)
@@ -255,7 +285,7 @@ fn settled_without(fewer: &Record, coded: &[f64], pole: usize) -> Option<(Vec<f6
         .filter_map(|more| {
             let mut start = without.clone();
             start[at] += more;
-            minimise(|c| fewer.residuals(c), &start)
+            fewer.settle(&start)
         })
         .map(|(coded, _)| {
             let left = squares(&fewer.residuals(&coded));
