@@ -232,9 +232,7 @@ impl HysteresisDocument {
             report: String::new(),
         }
     }
-}
 
-impl HysteresisDocument {
     /// That a lag counts: a logger that reads displacement late looks as an amplifier or a sensor does that lags, and a model of the one is none
     /// of the other.
     fn of_a_logger(&self) -> Option<String> {

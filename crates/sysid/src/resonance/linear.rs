@@ -258,20 +258,16 @@ impl Record {
             .collect()
     }
 
+    /// `None` where what is searched is not within numbers any more, or columns depend on each other.
     fn solved(&self, coded: &[f64]) -> Option<Solved> {
-        Solved::of(self.columns(coded), self.target())
-    }
-
-    /// Whether what is searched is still within numbers.
-    fn is_sound(coded: &[f64]) -> bool {
-        coded.iter().all(|c| c.abs() < 60.0)
+        let sound = coded.iter().all(|c| c.abs() < 60.0);
+        sound.then(|| Solved::of(self.columns(coded), self.target()))?
     }
 
     /// What is left with the best linear part; NaN where there is none.
     pub(super) fn residuals(&self, coded: &[f64]) -> Vec<f64> {
-        let found = Some(coded).filter(|c| Self::is_sound(c));
-        let left = found.and_then(|c| self.linear(c));
-        left.map_or_else(|| self.nothing(), |(_, left)| left)
+        self.linear(coded)
+            .map_or_else(|| self.nothing(), |(_, left)| left)
     }
 
     /// What is left where nothing is told.
@@ -336,8 +332,7 @@ impl Record {
 
     /// The same where it is not solved yet.
     pub(super) fn slopes_at(&self, coded: &[f64]) -> Option<DMatrix<f64>> {
-        let solved = self.solved(coded).filter(|_| Self::is_sound(coded))?;
-        Some(self.slopes(coded, &solved))
+        Some(self.slopes(coded, &self.solved(coded)?))
     }
 
     /// What is searched where least is left, from `start`, and that, squared.
@@ -345,8 +340,7 @@ impl Record {
         // Slopes are asked for where what is left was.
         let last: RefCell<Option<(Vec<f64>, Solved)>> = RefCell::new(None);
         let residuals = |coded: &[f64]| {
-            let solved = Some(coded).filter(|c| Self::is_sound(c));
-            let Some(solved) = solved.and_then(|c| self.solved(c)) else {
+            let Some(solved) = self.solved(coded) else {
                 return self.nothing();
             };
             let left = solved.left.as_slice().to_vec();
@@ -362,7 +356,7 @@ impl Record {
 
     /// How sure is what is searched, where least is left ([`least_squares_of_points`]).
     pub(super) fn known(&self, coded: &[f64]) -> Option<Solution> {
-        let solved = self.solved(coded).filter(|_| Self::is_sound(coded))?;
+        let solved = self.solved(coded)?;
         least_squares_of_points(&self.slopes(coded, &solved), solved.left.as_slice())
     }
 
