@@ -34,19 +34,25 @@ pub fn scan(scan: &Scan, trial: &Trial) -> Result<String> {
                 @if aligned { "peak found" }
                 @else { (document.outcome) ": " (document.detail) }
             }
-            "; " (document.readings_used) " of the map's " (document.readings) " readings were taken"
+            @if !taken.is_empty() {
+                "; " (document.readings_used) " of the map's " (document.readings) " readings were taken"
+            }
             @if let Some(n) = document.readings_to_first_light {
                 ", " (n) " of them until there was light"
             }
             "."
         }
-        (table(document))
+        @if document.peak.is_some() || document.whole_map.is_some() { (table(document)) }
         @for note in notes(document) { p { (note) } }
         div.pair {
             (figure(
                 &map(scan, whole.as_ref(), units),
-                "The map as it was measured, from dark to bright, with the ellipse at 1/e of the peak's \
-                 height by all of its readings."
+                if whole.is_some() {
+                    "The map as it was measured, from dark to bright, with the ellipse at 1/e of the peak's \
+                     height by all of its readings."
+                } else {
+                    "The map as it was measured, from dark to bright."
+                }
             ))
             @if !taken.is_empty() {
                 (figure(
