@@ -115,7 +115,8 @@ impl Across {
         Err(Outcome::UnsurePlace {
             deviation: self.worse(),
             askew: self.askew[0].0.max(self.askew[1].0),
-            drift: self.bound[0].max(self.bound[1]),
+            bound: self.bound[0].max(self.bound[1]),
+            rises: self.askew[0].1.max(self.askew[1].1),
             shaking,
             tolerance,
             probability,

@@ -106,17 +106,19 @@ pub enum Outcome {
     },
     /// The tip shakes, or its peak is known, so badly that it may be attached elsewhere.
     #[error(
-        "unsure: the peak's place is known to {:.1} nm{} and the tip shakes by {:.1} nm, rms, and drifts by up to {:.1} nm; \
+        "unsure: the peak's place is known to {:.1} nm{} and the tip shakes by {:.1} nm, rms, and is up to {:.1} nm aside{}; \
          it is attached farther off than {:.0} nm with a probability of {probability:.1e}, accepted is {accepted:.0e}",
-        deviation * 1e9, for_askew(*deviation, *askew), shaking * 1e9, drift * 1e9, tolerance * 1e9
+        deviation * 1e9, for_askew(*deviation, *askew), shaking * 1e9, bound * 1e9, why_aside(*bound, *rises), tolerance * 1e9
     )]
     UnsurePlace {
         /// Standard deviation of the peak's place, metres.
         deviation: f64,
         /// What of it is for stages that may stand askew, metres.
         askew: f64,
-        /// How far the peak may drift until the fiber is attached, metres.
-        drift: f64,
+        /// How far beside that it may be attached, at most, metres: the peak drifts, or was seen from aside, or its light rises to one side.
+        bound: f64,
+        /// What of that is for light that rises to one side on stages that stand askew, metres.
+        rises: f64,
         /// Standard deviation of the tip about where it is held, along an axis, metres.
         shaking: f64,
         /// How far it may be off, metres.
@@ -285,6 +287,15 @@ fn for_askew(deviation: f64, askew: f64) -> String {
         ", of which {:.1} nm are for how askew its stage may stand (`commission` measures that),",
         askew * 1e9
     )
+}
+
+/// Where most of a bound comes from, metres.
+fn why_aside(bound: f64, rises: f64) -> &'static str {
+    if 2.0 * rises > bound {
+        " (its light rises to one side: stages stand askew)"
+    } else {
+        ""
+    }
 }
 
 impl Outcome {

@@ -331,7 +331,9 @@ impl Job<'_> {
         self.arrive(cell, side, clear).await?;
         let far = at_gap(cell, self.recipe.first_look(cell.spec()));
         cell.line(side, far, None).await?;
-        for _ in 0..coarse.looks {
+        let tolerances = TUNING.vision.arrives.map(|times| times * coarse.tolerance);
+        let each = |tolerance| std::iter::repeat_n(tolerance, coarse.looks as usize);
+        for tolerance in tolerances.into_iter().flat_map(each) {
             let (x, z) = look(cell, side, tip, coarse.frames).await?;
             let kinematics = cell.frame(side);
             let seen = kinematics.macro_from_chip(Point::new(x, wanted.y, wanted.z));
@@ -339,18 +341,15 @@ impl Job<'_> {
             let error = aim.x - seen.x;
             let way = outward(side) * (z - wanted.z) - gap;
             let here = cell.wanted(side);
-            if error.abs() > coarse.tolerance {
+            if error.abs() > tolerance {
                 self.arrive(cell, side, here.shifted(error, 0.0, 0.0))
                     .await?;
             } else {
                 return cell.line(side, here.shifted(0.0, 0.0, way), None).await;
             }
         }
-        Err(Outcome::TipAstray {
-            side,
-            tolerance: coarse.tolerance,
-        }
-        .into())
+        let [.., tolerance] = tolerances;
+        Err(Outcome::TipAstray { side, tolerance }.into())
     }
 
     /// Places the sensing fiber before the first output (thesis 3.2.2): aligned by vision in x

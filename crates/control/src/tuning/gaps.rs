@@ -141,8 +141,8 @@ topic! {
         /// How oblong modes are before anything was seen: one standard deviation, of guides diffused by 20 % more or less in either
         /// direction.
         usual: f64 = 0.16, "1", Choice;
-        /// No spot is more oblong: one that is twice as wide one way as the other.
-        most_oblong: f64 = 0.6, "1", Choice;
+        /// No spot is more oblong: one that is three times as wide one way as the other, as those of diode lasers are.
+        most_oblong: f64 = 0.8, "1", Choice;
         /// How well widths tell how oblong it is, one standard deviation.
         known: f64 = 0.03, "1", Choice;
         /// Least share of what readings tell that they do not tell of x and y as well.
@@ -176,7 +176,7 @@ topic! {
         /// How well the square of a spot's width is known, of which the brightest place is beside the peak, standard deviation.
         width: f64 = 0.1, "1", Choice;
         /// It pays to measure it where a fiber would be outside with this share of the probability, at most, on stages that stand square.
-        less: f64 = 0.1, "1", Choice;
+        less: f64 = 0.5, "1", Choice;
         /// How often it is measured at most, for a fiber at the chip.
         often: u32 = 3, "1", Choice;
     }
@@ -214,6 +214,9 @@ topic! {
         late: f64 = 2e-3, "s", Choice;
         /// Over how long a speed is seen.
         speed: f64 = 3.2e-3, "s", Choice;
+        /// How near a tip is to come across by what is seen, in the recipe's tolerance: for as many looks as the recipe has each, one after the other.
+        /// Axes that stick do not go by a few micrometres as told, and the search that follows covers a camera's own error of tens.
+        arrives: [f64; 3] = [1.0, 2.0, 4.0], "1", Choice;
         /// What a camera states of its noise counts as much as so many frames.
         stated: f64 = 16.0, "frames", Choice;
         /// A frame lies on one side of what is believed from so far on: half of the least motion that is to be noticed...
