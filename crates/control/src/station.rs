@@ -8,6 +8,7 @@ mod handling;
 mod motion;
 mod past;
 mod playing;
+mod steady;
 mod volts;
 
 use self::arm::{Arm, Known, Started};

@@ -3,6 +3,7 @@
 use super::Station;
 use super::bench::{of, pose_of};
 use super::motion::Arrival;
+use super::steady::Steady;
 use crate::outcome::Outcome;
 use crate::trajectory::Line;
 use pigtail_hal::bench::{Caps, Dither, Event, Fix, Frame, Knot, Law, Light, Pose, Ticket, Tip};
@@ -127,9 +128,17 @@ struct Circle {
     since: f64,
     /// Angle, radians.
     angle: f64,
+    /// What its middle follows of the group that leads it, in x, y and z.
+    leader: [Steady; 3],
 }
 
 impl Circle {
+    /// What its middle follows where the group that leads it is at a pose.
+    fn steadied(&self, leader: &Pose) -> Pose {
+        let [x, y, z] = [0, 1, 2].map(|i| self.leader[i].at(leader.0[i]));
+        Pose::at(x, y, z)
+    }
+
     /// Its middle and its radius at a time, where the group that leads it is at a pose.
     fn middle(&self, time: f64, leader: &Pose) -> (Displacement, f64) {
         let (law, since) = (&self.law, time - self.since);
@@ -137,8 +146,9 @@ impl Circle {
         let (at, radius) = self.from;
         let at = at + (Displacement::new(x, y) - at) * law.centre.share(since);
         let radius = radius + (law.radius.to - radius) * law.radius.share(since);
-        let [x, y] = law.lead.map_or([0.0; 2], |lead| lead.by(leader));
-        let times = law.widens.map_or(1.0, |widens| widens.times(leader));
+        let leader = self.steadied(leader);
+        let [x, y] = law.lead.map_or([0.0; 2], |lead| lead.by(&leader));
+        let times = law.widens.map_or(1.0, |widens| widens.times(&leader));
         (at + Displacement::new(x, y), radius * times)
     }
 
@@ -178,12 +188,22 @@ impl Station<'_> {
     )]
     pub(super) fn play_fine(&mut self, time: f64) {
         for side in Side::ALL {
-            let (to, angle, over) = match &self.playing.fine[side.index()] {
+            let leader = match &self.playing.fine[side.index()] {
+                Some(Fine {
+                    way: Way::Circle(circle),
+                    ..
+                }) => self.leader(&circle.law),
+                _ => Pose::ZERO,
+            };
+            let (to, angle, over) = match &mut self.playing.fine[side.index()] {
                 Some(Fine {
                     way: Way::Circle(circle),
                     ..
                 }) => {
-                    let (middle, radius) = circle.middle(time, &self.leader(&circle.law));
+                    for (steady, place) in circle.leader.iter_mut().zip(leader.0) {
+                        steady.follow(place, time);
+                    }
+                    let (middle, radius) = circle.middle(time, &leader);
                     let angle = circle.angle + TAU * circle.law.rate * self.period;
                     // A remainder is a call into the C library.
                     let angle = if (0.0..TAU).contains(&angle) {
@@ -239,24 +259,35 @@ impl Station<'_> {
 
     fn circle(&self, side: Side, law: Dither) -> Circle {
         let now = self.time();
-        let (at, radius, angle) = match &self.playing.fine[side.index()] {
+        let here = self.leader(&law);
+        let from_here = [0, 1, 2].map(|i| Steady::new(here.0[i]));
+        let by = |law: &Dither| law.lead.map(|lead| lead.group);
+        let (at, radius, angle, leader) = match &self.playing.fine[side.index()] {
             Some(Fine {
                 way: Way::Circle(circle),
                 ..
             }) => {
                 let (at, radius) = circle.middle(now, &self.leader(&circle.law));
-                (at, radius, circle.angle)
+                // What has led it goes on to.
+                let same = by(&circle.law) == by(&law);
+                let leader = if same { circle.leader } else { from_here };
+                (at, radius, circle.angle, leader)
             }
-            _ => (self.micro(side), 0.0, 0.0),
+            _ => (self.micro(side), 0.0, 0.0, from_here),
         };
-        let leader = self.leader(&law);
+        let circle = Circle {
+            law,
+            from: (at, radius),
+            since: now,
+            angle,
+            leader,
+        };
+        let leader = circle.steadied(&here);
         let [x, y] = law.lead.map_or([0.0; 2], |lead| lead.by(&leader));
         let times = law.widens.map_or(1.0, |widens| widens.times(&leader));
         Circle {
-            law,
             from: (at - Displacement::new(x, y), radius / times),
-            since: now,
-            angle,
+            ..circle
         }
     }
 

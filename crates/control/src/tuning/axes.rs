@@ -3,7 +3,7 @@
 use super::topic;
 
 topic! {
-    /// Axes that swing at rest.
+    /// Axes that swing.
     pub struct AxisSwing in "swing", shown [Fast, Thesis] {
         /// How far beyond its reference an axis must go for a swing: farther than one goes that hunts about its count.
         beyond: u32 = 4, "counts", Choice;
@@ -16,5 +16,9 @@ topic! {
         gentler: f64 = 0.8, "1", Choice;
         /// Gains that are less than this share of what they were are not made less: it is not they.
         least: f64 = 0.1, "1", Choice;
+        /// An endpoint that turns back by less does not jerk, whatever its encoders' counts make of it: three of them.
+        jerks: f64 = 4e-6, "m", Choice;
+        /// Nor one that takes longer from turn to turn: that is led.
+        jerk: f64 = 0.01, "s", Choice;
     }
 }
