@@ -16,8 +16,8 @@ topic! {
         gentler: f64 = 0.8, "1", Choice;
         /// Gains that are less than this share of what they were are not made less: it is not they.
         least: f64 = 0.1, "1", Choice;
-        /// An endpoint that turns back by less does not jerk, whatever its encoders' counts make of it: three of them.
-        jerks: f64 = 4e-6, "m", Choice;
+        /// An endpoint that turns back by less does not jerk, whatever its encoders' counts make of it: two of them.
+        jerks: f64 = 2.6e-6, "m", Choice;
         /// Nor one that takes longer from turn to turn: that is led.
         jerk: f64 = 0.01, "s", Choice;
     }
