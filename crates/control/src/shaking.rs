@@ -221,6 +221,15 @@ impl Shaking {
         self.still_degrees = seen.still_degrees;
     }
 
+    /// By how much the tip seems to scatter on the circle that finds the peak, rms, metres: light that is unsteady by itself looks like that, too.
+    pub fn on_wide(&self) -> f64 {
+        if self.wide.degrees > 0.0 {
+            self.wide.beyond().max(0.0).sqrt()
+        } else {
+            0.0
+        }
+    }
+
     /// Samples of a tip that is watched, the means of which are added as turns.
     pub fn add_sample(&mut self, seen: &Scatter) {
         self.samples.add(seen);

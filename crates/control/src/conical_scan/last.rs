@@ -284,7 +284,7 @@ impl ConicalScan<'_> {
                     .last
                     .swings
                     .max(shakes)
-                    .max(self.no_swing(&seen, gap));
+                    .max(self.no_swing_as_before(&seen, gap));
                 if swing > most {
                     return Err(Outcome::Unsure {
                         deviation: swing,

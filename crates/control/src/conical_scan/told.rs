@@ -120,9 +120,23 @@ impl ConicalScan<'_> {
 
     /// What may look like a swing now and then and is the noise of `free` degrees of freedom, metres.
     pub(super) fn no_swing(&self, peak: &Peak, gap: f64) -> f64 {
-        let free = (self.readings.len() as f64 - 5.0).max(1.0);
         let light = peak.full * self.beam.share(gap);
-        let most = self.swings_by_noise(light) * (TUNING.watch.surely * (2.0 / free).sqrt()).sqrt();
+        self.passes_for_swing(self.swings_by_noise(light), gap, light)
+    }
+
+    /// The same where light itself is as unsteady as it was on the wide circle, whatever made it so there: a gap that shakes where light ripples with
+    /// it does, several times within a turn.
+    pub(super) fn no_swing_as_before(&self, peak: &Peak, gap: f64) -> f64 {
+        let light = peak.full * self.beam.share(gap);
+        // What a place that scatters by so much makes of the light on that circle, as a share of it.
+        let unsteady = 2.0 * self.shape.radius * self.shaking.on_wide() / self.beam.width(gap);
+        let noise = self.swings_by_noise(light).hypot(unsteady * light);
+        self.passes_for_swing(noise, gap, light)
+    }
+
+    fn passes_for_swing(&self, noise: f64, gap: f64, light: f64) -> f64 {
+        let free = (self.readings.len() as f64 - 5.0).max(1.0);
+        let most = noise * (TUNING.watch.surely * (2.0 / free).sqrt()).sqrt();
         most * self.swings_for(gap, light)
     }
 
