@@ -87,26 +87,22 @@ pub struct Identified {
 }
 
 /// Frequency and damping of each mode in rising order, and what is not known of them: by what magnitude and phase say, by what is left of
-/// each part of the response, and by the response that a model's searched numbers and linear parts tell.
+/// each part of the response, by how much each number that is searched is open, and by the response that a model's searched numbers and linear
+/// parts tell.
 fn stated_modes(
     record: &Record,
     coded: &[f64],
     solution: &Solution,
-    (sides, left): (Option<&[Sides]>, &[&[f64]]),
+    (sides, left, opened): (Option<&[Sides]>, &[&[f64]], &[f64]),
     model: (&[f64], &[f64]),
 ) -> (Vec<(&'static str, Known)>, Vec<Unknown>) {
     let mut order: Vec<usize> = (0..record.modes(model.0)).collect();
     let misfit = alike::misfit(record, left, &coded[..2 * order.len()]);
-    // Of a phase that was made from magnitudes nothing is told.
-    let averaged = sides.map_or_else(
-        || vec![0.0; coded.len()],
-        |_| averaged::open(record, model.0, model.1),
-    );
     order.sort_by(|a, b| coded[2 * a].total_cmp(&coded[2 * b]));
     let mut parameters = Vec::new();
     let mut unknown = Vec::new();
     for (names, k) in NAMES.iter().zip(&order) {
-        let off = |j: usize| sides.map_or(0.0, |s| s[j].off()).hypot(averaged[j]);
+        let off = |j: usize| sides.map_or(0.0, |s| s[j].off()).hypot(opened[j]);
         let scaled = |j: usize, size: f64, open: f64| Known {
             value: coded[j].exp() * size,
             std: coded[j].exp() * size * solution.std[j],
@@ -307,7 +303,7 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
     } = models[0].clone();
     let record = &record;
     let modes = record.modes(&coded);
-    rows::of_one(record, &coded)?;
+    let of_rows = rows::open(record, &coded)?;
     if modes == MODES {
         alike::few_enough(record, &coded, WORTH)?;
     }
@@ -325,11 +321,16 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
         .collect();
     let sides = alike::sides(record, &coded);
     let left = record.residuals(&coded);
+    let opened: Vec<f64> = averaged::open(record, &coded, &values)
+        .iter()
+        .zip(&of_rows)
+        .map(|(averaged, rows)| averaged.hypot(*rows))
+        .collect();
     let (mut parameters, mut unknown) = stated_modes(
         record,
         &coded,
         &solution,
-        (sides.as_deref(), &[&left[..n], &left[n..]]),
+        (sides.as_deref(), &[&left[..n], &left[n..]], &opened),
         (&coded, &values),
     );
     let top = TAU * record.highest();
@@ -341,6 +342,7 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
             solution.std_correlated[2 * modes].max(solution.std[2 * modes]),
         )
         .max(delay_spread(record, &coded))
+        .hypot(opened[2 * modes])
             / top,
     };
     let steps: Vec<f64> = record.frequency.windows(2).map(|w| w[1] - w[0]).collect();
