@@ -133,22 +133,27 @@ fn stated_modes(
         parameters.push((names[0], frequency));
         parameters.push((names[1], damping));
     }
-    merged(record, model, &parameters, &mut unknown);
+    let bent: Vec<bool> = order.iter().map(|k| misfit[*k] > 0.0).collect();
+    merged(record, model, &bent, &parameters, &mut unknown);
     (parameters, unknown)
 }
 
 /// Modes that lie within each other's width, or that overlap and have one peak, are one peak of another shape: two that nearly cancel make
-/// any, and so do two beside each other.
+/// any, and so do two beside each other. So are two of which the magnitude is highest at one place where more is left on
+/// either than elsewhere, `bent`.
 fn merged(
     record: &Record,
     model: (&[f64], &[f64]),
+    bent: &[bool],
     parameters: &[(&'static str, Known)],
     unknown: &mut Vec<Unknown>,
 ) {
     /// Of the narrower one's half width.
     const WITHIN: f64 = 0.5;
+    let tops = peaks(record, model.0, model.1);
+    let pairs = parameters.windows(4).step_by(2);
     let mut overlap = false;
-    for pair in parameters.windows(4).step_by(2) {
+    for ((pair, tops), bent) in pairs.zip(tops.windows(2)).zip(bent.windows(2)) {
         let [(f1, one), (z1, a), (f2, two), (z2, b)] = pair else {
             continue;
         };
@@ -158,7 +163,12 @@ fn merged(
         let overlapped = std::mem::replace(&mut overlap, apart < widths[0] + widths[1]);
         // Of three in a row the middle one has no peak of its own.
         let one_peak = || overlap && (overlapped || alike::one_peak(record, model, places));
-        if apart < WITHIN * widths[0].min(widths[1]) || one_peak() {
+        let narrower = widths[0].min(widths[1]);
+        let one_top = match tops {
+            [Some(a), Some(b)] => (bent[0] || bent[1]) && (a - b).abs() < WITHIN * narrower,
+            _ => false,
+        };
+        if apart < WITHIN * narrower || one_top || one_peak() {
             unknown.push(Unknown {
                 parameters: vec![f1, z1, f2, z2],
                 because: format!(
