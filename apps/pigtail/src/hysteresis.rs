@@ -540,6 +540,12 @@ fn account(d: &HysteresisDocument) -> String {
         "{:.1} times better than the best straight line",
         d.improvement
     );
+    if let Some(open) = d.known_to_percent {
+        let _ = writeln!(
+            text,
+            "Known to {open:.3} % of the range at the record's rates, whether its lag is of amplifier and sensor or of the logger"
+        );
+    }
     if let Some(volts) = d.rms_v {
         let _ = writeln!(text, "The voltage errs by {volts:.5} V rms");
     }

@@ -178,6 +178,10 @@ pub struct HysteresisDocument {
     /// record's logger and not of amplifier and sensor; only where it was fitted, and of a model with memory.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lag_percent: Option<f64>,
+    /// How far off the model may be at the record's rates, root mean square, per cent of the range, whether its lag is of amplifier and
+    /// sensor or of the record's logger: its own error and what the lag moves, at one rate whatever lag tells the record as well; with `lag_percent`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub known_to_percent: Option<f64>,
     /// What was taken off the prediction, for a sensor's zero is arbitrary; only in a prediction.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub offset_um: Option<f64>,
@@ -218,6 +222,7 @@ impl HysteresisDocument {
             held_back: None,
             lag_ms: rounded(1e3 * model.lag(), 1e-3),
             lag_percent: None,
+            known_to_percent: None,
             offset_um: None,
             rms_v: None,
             samples,
@@ -373,7 +378,7 @@ pub fn fit(record: Record, kind: Kind) -> Result<Tried, Invalid> {
         }
         Kind::Rbf => Model::Rbf(Rbf::train(&record.before(to)?)?),
     };
-    remarks.extend(rates::at_one(&record));
+    let at_one = rates::at_one(&record);
     let prediction = predict(&model, &record);
     let from = record.known_from().min(to / 2);
     let part = |over: ops::Range<usize>| {
@@ -406,8 +411,17 @@ pub fn fit(record: Record, kind: Kind) -> Result<Tried, Invalid> {
             document.doubt = format!("where it was fitted {doubt}");
         }
     }
-    document.lag_percent =
-        worth_of_lag(&model, &record, &prediction, to).map(|um| rounded(100.0 * um / range, 1e-6));
+    let share = |um: f64| rounded(100.0 * um / range, 1e-6);
+    let worth = worth_of_lag(&model, &record, &prediction, to);
+    document.lag_percent = worth.map(share);
+    document.known_to_percent = worth.map(|worth| {
+        let other = match &model {
+            Model::Memory(_) if at_one.is_some() => rates::any_lag(&record, to, &prediction),
+            _ => 0.0,
+        };
+        share(held_back.rms_um.hypot(worth.max(other)))
+    });
+    remarks.extend(at_one);
     remarks.extend(document.of_a_logger());
     document.remarks = remarks;
     document.fitted = Some(fitted);

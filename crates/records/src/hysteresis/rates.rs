@@ -5,7 +5,7 @@ use pigtail_control::compensation::hysteresis::{
     Creep, Memory, Model, Record, Zero, fit_memory, judge, predict,
 };
 use pigtail_numerics::golden::least;
-use pigtail_numerics::signal::quantile;
+use pigtail_numerics::signal::{quantile, rms};
 
 /// Leads up to this many sample periods are looked for: as many as lags.
 const PERIODS: f64 = 10.0;
@@ -53,6 +53,26 @@ pub(super) fn ahead(record: &Record, to: usize, own: &Memory) -> Option<Memory> 
         error,
     ))?;
     (left(&found) < FAR_LESS * left(own)).then_some(found)
+}
+
+/// How far a model may be off the displacement itself where the voltage goes at one rate, root mean square, micrometres: any lag may be of a logger
+/// that leaves half as much again as the model does at most, for a loop passes for one.
+pub(super) fn any_lag(record: &Record, to: usize, prediction: &[f64]) -> f64 {
+    /// Sample periods that are tried: up to as many as leads.
+    const LAGS: [f64; 6] = [0.5, 1.0, 2.0, 4.0, 7.0, PERIODS];
+    /// What may be left beside what the model leaves.
+    const AS_WELL: f64 = 1.5;
+    let from = record.known_from().min(to / 2);
+    let left = |told: &[f64]| judge(told, &record.output, from..to, Zero::Known).rms;
+    let least = left(prediction);
+    let off = |lag: f64| {
+        let other = fit_memory(record, to, Some(lag * record.period()), Creep::Any).ok()?;
+        let told = predict(&Model::Memory(other), record);
+        let without = predict(&Model::Memory(Memory { lag: 0.0, ..other }), record);
+        let apart = prediction.iter().zip(&without).skip(to);
+        (left(&told) < AS_WELL * least).then(|| rms(apart.map(|(a, b)| a - b)))
+    };
+    LAGS.into_iter().filter_map(off).fold(0.0, f64::max)
 }
 
 /// Swings of the voltage that count, shares of its range; and the ratio of two rates that tell a lag from a loop.

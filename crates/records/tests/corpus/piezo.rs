@@ -328,6 +328,41 @@ fn no_model_of_a_mangled_record_of_a_piezo_is_wrong_and_looks_right() {
     );
 }
 
+/// A displacement that was read late passes for one that lags: the model of the record is off the displacement itself by what is said to be open.
+#[test]
+fn a_displacement_that_is_read_late_is_known_no_better_than_its_lag() {
+    let fine = |rows: &Rows, late: f64| -> Rows {
+        let back = late.ceil() as usize;
+        let share = back as f64 - late;
+        let at = |k: usize| {
+            let (a, b) = (rows[k - back][2], rows[(k - back + 1).min(k)][2]);
+            a + share * (b - a)
+        };
+        let whole = (back..rows.len()).map(|k| [rows[k][0], rows[k][1], at(k)]);
+        whole.collect()
+    };
+    for seed in [31, 32] {
+        let good = made(seed);
+        let clean = read(&good).expect("a record").record;
+        for late in [0.0, 0.5, 1.0, 3.0, 8.0] {
+            let rows = fine(&good, late);
+            let tried = fit(read(&rows).expect("a record").record, Kind::Memory).expect("a model");
+            let off = tell(&tried.model, clean.clone()).document.percent_of_range;
+            let said = tried.document.percent_of_range;
+            let open = tried
+                .document
+                .known_to_percent
+                .expect("a model with memory");
+            eprintln!("{seed}, {late}: off {off:.3} %, said {said:.3} %, open {open:.3} %");
+            assert!(off < 1.5 * open, "{seed}, {late}: {off} % is not {open} %");
+            assert!(
+                late > 0.0 || open < 3.0 * said,
+                "{seed}: {open} % of {said} %"
+            );
+        }
+    }
+}
+
 /// A displacement that is read before the voltage of its row: no piezo leads, and a model without a lead is off by two to ten times what it says.
 #[test]
 fn a_displacement_that_is_read_early_is_told_for_what_it_is() {

@@ -1,7 +1,9 @@
 //! Forces beside friction: a spring, a damper, a mass.
 
 use super::smooth::parabola;
-use super::{Law, Record, fit, turned};
+use super::sure::{Other, by_other};
+use super::tremble;
+use super::{Fitted, Law, Record, fit, turned};
 use pigtail_numerics::regression::{least_squares, matrix, relative};
 use pigtail_numerics::signal::rms;
 
@@ -77,4 +79,29 @@ pub(super) fn beside(record: &Record, error: f64) -> Option<String> {
          are left, without it {error:.3} %. No law here has that part; take it out of the force first",
         of[largest]
     ))
+}
+
+/// Makes laws less sure by what a little of such a force, too little to be named, makes of their parameters.
+pub(super) fn allow(laws: &mut [Fitted], record: &Record) {
+    let (samples, reach) = (&record.samples, tremble::reach(record));
+    if !record.has_time || reach < 2 {
+        return;
+    }
+    let motion: Vec<[f64; 3]> = (0..samples.len())
+        .map(|k| parabola(samples, k, reach).unwrap_or_default())
+        .collect();
+    let columns: Vec<Vec<f64>> = (0..3)
+        .map(|j| {
+            // A constant is an offset.
+            let mean = motion.iter().map(|m| m[j]).sum::<f64>() / motion.len() as f64;
+            let size = rms(motion.iter().map(|m| m[j] - mean)).max(f64::MIN_POSITIVE);
+            motion.iter().map(|m| (m[j] - mean) / size).collect()
+        })
+        .collect();
+    for fitted in laws {
+        // A law of speed knows what goes with it.
+        let known = if fitted.law.needs_time() { 1 } else { 3 };
+        let others: Vec<Other<'_>> = columns[..known].iter().map(|c| Other::Force(c)).collect();
+        by_other(fitted, record, &others);
+    }
 }

@@ -5,11 +5,9 @@
 //! looks as a displacement does that was made sharper, with a `c` below zero. No batch of the record tells it; the law does, fitted with `c`.
 
 use super::smooth::parabola;
-use super::sure::beside;
+use super::sure::{Other, by_other};
 use super::tremble::reach;
 use super::{Fitted, Record};
-use crate::steady::chi_squared;
-use pigtail_numerics::signal::independent;
 
 /// Makes laws less sure by what such a `c` makes of their parameters, where chance would make it tell so much more of the force once in ten
 /// thousand times.
@@ -23,17 +21,6 @@ pub(super) fn allow(laws: &mut [Fitted], record: &Record) {
         .map(|k| parabola(samples, k, reach).map_or(0.0, |p| p[2] * span * span))
         .collect();
     for fitted in laws {
-        let with = |other| beside(fitted.law, record, samples, &fitted.values, other);
-        let (Some(plain), Some(bent)) = (with(None), with(Some(&bend))) else {
-            continue;
-        };
-        let squares = |left: &[f64]| left.iter().map(|l| l * l).sum::<f64>();
-        let gain = (squares(&plain.left) / squares(&bent.left)).ln();
-        if gain.is_nan() || independent(&bent.left) * gain < chi_squared(1.0) {
-            continue;
-        }
-        for ((known, a), b) in fitted.known.iter_mut().zip(&plain.values).zip(&bent.values) {
-            known.std_correlated = known.std_correlated.hypot(b - a);
-        }
+        by_other(fitted, record, &[Other::Way(&bend)]);
     }
 }

@@ -152,6 +152,7 @@ pub fn identify(
     changes::allow(&mut laws, record);
     tremble::allow(&mut laws, record);
     blurred::allow(&mut laws, record);
+    beside::allow(&mut laws, record);
     agree::allow(&mut laws, record);
     let chosen = &laws[best];
     if chosen.relative_error_percent > UNEXPLAINED {

@@ -3,8 +3,10 @@
 use super::fit::{counted, settled};
 use super::skew::shifted;
 use super::tremble::noise;
-use super::{Known, Law, Record, Sample, fit, turned};
+use super::{Fitted, Known, Law, Record, Sample, fit, turned};
+use crate::steady::chi_squared;
 use pigtail_numerics::nonlinear::{minimise, uncertainty};
+use pigtail_numerics::signal::independent;
 
 /// Samples whose displacement is read `by` seconds before, by its rate.
 fn displaced(samples: &[Sample], by: f64) -> Vec<Sample> {
@@ -66,11 +68,21 @@ pub(super) fn joint(
     samples: &[Sample],
     near: &[f64],
 ) -> Option<(Vec<f64>, f64)> {
-    let found = beside(law, record, samples, near, None)?;
+    let found = beside(law, record, samples, near, Other::Nothing)?;
     Some((found.values, found.skew))
 }
 
-/// Parameters that were told together with what nobody knows of the displacement.
+/// What a record may have in it beside a law and a skew, of a size that is told with them.
+#[derive(Clone, Copy)]
+pub(super) enum Other<'a> {
+    Nothing,
+    /// In the displacement, m or rad.
+    Way(&'a [f64]),
+    /// In the force, over the largest one.
+    Force(&'a [f64]),
+}
+
+/// Parameters that were told together with what nobody knows of the record.
 pub(super) struct Beside {
     pub(super) values: Vec<f64>,
     /// By how many samples the force is later than its row's displacement.
@@ -79,13 +91,13 @@ pub(super) struct Beside {
     pub(super) left: Vec<f64>,
 }
 
-/// Parameters with a small skew and, where there is one, with as much of `other` in the displacement as tells the force best, m or rad.
+/// Parameters with a small skew and with as much of `other` as tells the force best.
 pub(super) fn beside(
     law: Law,
     record: &Record,
     samples: &[Sample],
     near: &[f64],
-    other: Option<&[f64]>,
+    other: Other<'_>,
 ) -> Option<Beside> {
     let force = record.largest_force();
     let period = record.period();
@@ -97,22 +109,66 @@ pub(super) fn beside(
             return vec![f64::NAN; samples.len()];
         }
         let mut moved = displaced(samples, more[0] * period);
-        if let (Some(share), Some(other)) = (more.get(1), other) {
-            for (s, other) in moved.iter_mut().zip(other) {
-                s.displacement += share * other;
+        let share = more.get(1).copied().unwrap_or(0.0);
+        match other {
+            Other::Nothing => {}
+            Other::Way(way) => {
+                for (s, way) in moved.iter_mut().zip(way) {
+                    s.displacement += share * way;
+                }
+            }
+            Other::Force(part) => {
+                for (s, part) in moved.iter_mut().zip(part) {
+                    s.force -= share * force * part;
+                }
             }
         }
         let left = counted(law, &law.decoded(coded, force), &moved, &counts);
         left.into_iter().map(|l| l / force).collect()
     };
     let mut start = law.coded(near, force);
-    start.resize(own + 1 + usize::from(other.is_some()), 0.0);
+    let more = if matches!(other, Other::Nothing) {
+        1
+    } else {
+        2
+    };
+    start.resize(own + more, 0.0);
     let (found, _) = minimise(scaled, &start)?;
     Some(Beside {
         values: law.decoded(&found[..own], force),
         skew: found[own],
         left: scaled(&found),
     })
+}
+
+/// Makes a law less sure by what the one of some others that tells most of the force makes of its parameters, where chance would make it tell so
+/// much once in ten thousand times.
+pub(super) fn by_other(fitted: &mut Fitted, record: &Record, others: &[Other<'_>]) {
+    let with = |other| beside(fitted.law, record, &record.samples, &fitted.values, other);
+    let Some(plain) = with(Other::Nothing) else {
+        return;
+    };
+    let squares = |left: &[f64]| left.iter().map(|l| l * l).sum::<f64>();
+    let gained = |found: &Beside| {
+        let gain = (squares(&plain.left) / squares(&found.left)).ln();
+        independent(&found.left) * gain
+    };
+    let best = others
+        .iter()
+        .filter_map(|other| with(*other))
+        .map(|found| (gained(&found), found))
+        .filter(|(gain, _)| *gain > chi_squared(1.0))
+        .max_by(|a, b| a.0.total_cmp(&b.0));
+    if let Some((_, found)) = best {
+        for ((known, a), b) in fitted
+            .known
+            .iter_mut()
+            .zip(&plain.values)
+            .zip(&found.values)
+        {
+            known.std_correlated = known.std_correlated.hypot(b - a);
+        }
+    }
 }
 
 /// Middle and deviation of what is anywhere from none to one.

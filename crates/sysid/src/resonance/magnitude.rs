@@ -210,7 +210,8 @@ pub(super) fn identify(record: &Record) -> Result<Identified, Unknown> {
     let values = phased.linear(&at).map_or_else(Vec::new, |(v, _)| v);
     let left = own.residuals(&all);
     let (parameters, mut unknown) =
-        stated_modes(&phased, &all, &solution, (None, &[&left]), (&at, &values));
+        // Of a phase that was made from magnitudes nothing is told.
+        stated_modes(&phased, &all, &solution, (None, &[&left], &vec![0.0; all.len()]), (&at, &values));
     unknown.push(Unknown {
         parameters: vec!["delay"],
         because: "it has no phase: a delay leaves no trace in magnitude".to_owned(),

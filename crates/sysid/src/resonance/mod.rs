@@ -87,26 +87,22 @@ pub struct Identified {
 }
 
 /// Frequency and damping of each mode in rising order, and what is not known of them: by what magnitude and phase say, by what is left of
-/// each part of the response, and by the response that a model's searched numbers and linear parts tell.
+/// each part of the response, by how much each number that is searched is open, and by the response that a model's searched numbers and linear
+/// parts tell.
 fn stated_modes(
     record: &Record,
     coded: &[f64],
     solution: &Solution,
-    (sides, left): (Option<&[Sides]>, &[&[f64]]),
+    (sides, left, opened): (Option<&[Sides]>, &[&[f64]], &[f64]),
     model: (&[f64], &[f64]),
 ) -> (Vec<(&'static str, Known)>, Vec<Unknown>) {
     let mut order: Vec<usize> = (0..record.modes(model.0)).collect();
     let misfit = alike::misfit(record, left, &coded[..2 * order.len()]);
-    // Of a phase that was made from magnitudes nothing is told.
-    let averaged = sides.map_or_else(
-        || vec![0.0; coded.len()],
-        |_| averaged::open(record, model.0, model.1),
-    );
     order.sort_by(|a, b| coded[2 * a].total_cmp(&coded[2 * b]));
     let mut parameters = Vec::new();
     let mut unknown = Vec::new();
     for (names, k) in NAMES.iter().zip(&order) {
-        let off = |j: usize| sides.map_or(0.0, |s| s[j].off()).hypot(averaged[j]);
+        let off = |j: usize| sides.map_or(0.0, |s| s[j].off()).hypot(opened[j]);
         let scaled = |j: usize, size: f64, open: f64| Known {
             value: coded[j].exp() * size,
             std: coded[j].exp() * size * solution.std[j],
@@ -137,22 +133,27 @@ fn stated_modes(
         parameters.push((names[0], frequency));
         parameters.push((names[1], damping));
     }
-    merged(record, model, &parameters, &mut unknown);
+    let bent: Vec<bool> = order.iter().map(|k| misfit[*k] > 0.0).collect();
+    merged(record, model, &bent, &parameters, &mut unknown);
     (parameters, unknown)
 }
 
 /// Modes that lie within each other's width, or that overlap and have one peak, are one peak of another shape: two that nearly cancel make
-/// any, and so do two beside each other.
+/// any, and so do two beside each other. So are two of which the magnitude is highest at one place where more is left on
+/// either than elsewhere, `bent`.
 fn merged(
     record: &Record,
     model: (&[f64], &[f64]),
+    bent: &[bool],
     parameters: &[(&'static str, Known)],
     unknown: &mut Vec<Unknown>,
 ) {
     /// Of the narrower one's half width.
     const WITHIN: f64 = 0.5;
+    let tops = peaks(record, model.0, model.1);
+    let pairs = parameters.windows(4).step_by(2);
     let mut overlap = false;
-    for pair in parameters.windows(4).step_by(2) {
+    for ((pair, tops), bent) in pairs.zip(tops.windows(2)).zip(bent.windows(2)) {
         let [(f1, one), (z1, a), (f2, two), (z2, b)] = pair else {
             continue;
         };
@@ -162,7 +163,12 @@ fn merged(
         let overlapped = std::mem::replace(&mut overlap, apart < widths[0] + widths[1]);
         // Of three in a row the middle one has no peak of its own.
         let one_peak = || overlap && (overlapped || alike::one_peak(record, model, places));
-        if apart < WITHIN * widths[0].min(widths[1]) || one_peak() {
+        let narrower = widths[0].min(widths[1]);
+        let one_top = match tops {
+            [Some(a), Some(b)] => (bent[0] || bent[1]) && (a - b).abs() < WITHIN * narrower,
+            _ => false,
+        };
+        if apart < WITHIN * narrower || one_top || one_peak() {
             unknown.push(Unknown {
                 parameters: vec![f1, z1, f2, z2],
                 because: format!(
@@ -307,7 +313,7 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
     } = models[0].clone();
     let record = &record;
     let modes = record.modes(&coded);
-    rows::of_one(record, &coded)?;
+    let of_rows = rows::open(record, &coded)?;
     if modes == MODES {
         alike::few_enough(record, &coded, WORTH)?;
     }
@@ -325,11 +331,16 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
         .collect();
     let sides = alike::sides(record, &coded);
     let left = record.residuals(&coded);
+    let opened: Vec<f64> = averaged::open(record, &coded, &values)
+        .iter()
+        .zip(&of_rows)
+        .map(|(averaged, rows)| averaged.hypot(*rows))
+        .collect();
     let (mut parameters, mut unknown) = stated_modes(
         record,
         &coded,
         &solution,
-        (sides.as_deref(), &[&left[..n], &left[n..]]),
+        (sides.as_deref(), &[&left[..n], &left[n..]], &opened),
         (&coded, &values),
     );
     let top = TAU * record.highest();
@@ -341,6 +352,7 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
             solution.std_correlated[2 * modes].max(solution.std[2 * modes]),
         )
         .max(delay_spread(record, &coded))
+        .hypot(opened[2 * modes])
             / top,
     };
     let steps: Vec<f64> = record.frequency.windows(2).map(|w| w[1] - w[0]).collect();
