@@ -271,13 +271,18 @@ impl<M: Machine> Guard<M> {
                 "a machine that nobody stops".to_owned(),
             ));
         }
-        let whole = self.keepout.note(measured, &command.micro);
+        // Begun first, for it waits for divisions and roots: what is known without it is looked at meanwhile.
+        self.keepout.find(measured);
         if let Some(before) = self.last {
             self.sensors.check(before.time, measured)?;
-            self.check_axes(command, &before, measured)?;
+            self.check_motors(command, &before, measured)?;
         } else {
             self.sensors.begin(measured.time);
             self.keepout.begin(measured.time);
+        }
+        let whole = self.keepout.note(measured, &command.micro);
+        if self.last.is_some() && !self.leaves_out(&Rule::ServoFollowing) {
+            self.check_following(command, measured)?;
         }
         if let Some(probes) = &measured.probes
             && !self.leaves_out(&Rule::OutputFollowing)
@@ -307,46 +312,54 @@ impl<M: Machine> Guard<M> {
         self.light.check(command, measured, &self.keepout)
     }
 
+    /// Whether encoders go no faster than they can, and motors turn that are given voltage.
     #[inline(always)]
-    fn check_axes(
+    fn check_motors(
         &mut self,
         command: &Command,
         before: &Last,
         measured: &Measurement,
     ) -> Result<(), Broken> {
         let limits = &self.limits;
-        let (stalls, following) = (
-            !self.exempt.contains(&Rule::MotorStall),
-            !self.exempt.contains(&Rule::ServoFollowing),
-        );
+        let stalls = !self.exempt.contains(&Rule::MotorStall);
+        let outputs = measured.probes.zip(before.probes);
         // By their numbers: a loop over sides and axes themselves keeps a list of each.
         for i in 0..SIDES {
+            let went = outputs.map_or(Each([0.0; 4]), |(now, then)| {
+                (of_axes(now[i]) - of_axes(then[i])) / of_axes(limits.probe_per_count)
+            });
             for k in 0..AXES {
                 let Counts(now) = measured.encoders[i][k];
                 let Counts(then) = before.encoders[i][k];
-                let named = || AxisName::new(Side::ALL[i], Axis::ALL[k]).to_string();
                 if (now - then).abs() > limits.jump[k] {
                     return Err(Broken::new(
                         Rule::EncoderSpeed,
-                        named(),
+                        AxisName::new(Side::ALL[i], Axis::ALL[k]).to_string(),
                         format!("{} counts in a cycle", now - then),
                         format!("at most {}", limits.jump[k]),
                     ));
                 }
                 if stalls && command.pulses[i][k].is_none() {
                     let volts = command.motors[i][k];
-                    let output = || {
-                        let (now, then) = (measured.probes.as_ref()?, before.probes.as_ref()?);
-                        Some((now[i][k] - then[i][k]) / limits.probe_per_count[k])
-                    };
-                    let turned = now != then;
-                    self.stalls.check((i, k), volts, turned, output)?;
+                    self.stalls.check((i, k), volts, now != then, went[k])?;
                 }
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether axes are where their servos hold them to.
+    #[inline(always)]
+    fn check_following(&self, command: &Command, measured: &Measurement) -> Result<(), Broken> {
+        let limits = &self.limits;
+        for i in 0..SIDES {
+            for k in 0..AXES {
                 let Some(Counts(wanted)) = command.references[i][k] else {
                     continue;
                 };
+                let Counts(now) = measured.encoders[i][k];
                 let away = (wanted - now).abs();
-                if away <= limits.following[k] || !following {
+                if away <= limits.following[k] {
                     continue;
                 }
                 // One that moves is farther behind: speeds are looked at where it may matter.
@@ -358,7 +371,7 @@ impl<M: Machine> Guard<M> {
                     let um = 1e6 * limits.metres_per_count[k];
                     return Err(Broken::new(
                         Rule::ServoFollowing,
-                        named(),
+                        AxisName::new(Side::ALL[i], Axis::ALL[k]).to_string(),
                         format!("{:.0} um away", away as f64 * um),
                         format!("at most {:.0} um at this speed", most as f64 * um),
                     ));
