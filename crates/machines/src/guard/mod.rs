@@ -28,7 +28,7 @@ use pigtail_hal::{
 };
 use pigtail_model::each::Each;
 use pigtail_model::instructions::{Instructions, Work};
-use watch::{Outputs, Piezos, Sensors, Stalls, of_axes};
+use watch::{OfAxes, Outputs, Piezos, Sensors, Stalls, of_axes};
 
 /// A machine that is watched.
 #[derive(Debug)]
@@ -77,7 +77,7 @@ struct Limits {
     /// Metres for a count, to say it.
     metres_per_count: [f64; AXES],
     /// Metres at the probe for a count; nothing on a rig without probes.
-    probe_per_count: [f64; AXES],
+    probe_per_count: OfAxes,
     /// How far from home, metres: x and y, z.
     reach: [f64; 2],
     /// Most metres within [`WHILE`] cycles: x and y together, z.
@@ -273,9 +273,9 @@ impl<M: Machine> Guard<M> {
         }
         // Begun first, for it waits for divisions and roots: what is known without it is looked at meanwhile.
         self.keepout.find(measured);
-        if let Some(before) = self.last {
-            self.sensors.check(before.time, measured)?;
-            self.check_motors(command, &before, measured)?;
+        if let Some(Last { time, .. }) = self.last {
+            self.sensors.check(time, measured)?;
+            self.check_motors(command, measured)?;
         } else {
             self.sensors.begin(measured.time);
             self.keepout.begin(measured.time);
@@ -314,19 +314,18 @@ impl<M: Machine> Guard<M> {
 
     /// Whether encoders go no faster than they can, and motors turn that are given voltage.
     #[inline(always)]
-    fn check_motors(
-        &mut self,
-        command: &Command,
-        before: &Last,
-        measured: &Measurement,
-    ) -> Result<(), Broken> {
+    fn check_motors(&mut self, command: &Command, measured: &Measurement) -> Result<(), Broken> {
         let limits = &self.limits;
         let stalls = !self.exempt.contains(&Rule::MotorStall);
-        let outputs = measured.probes.zip(before.probes);
+        // Looked at where it lies: what is copied in narrow pieces and read at once in wide ones is waited for.
+        let Some(before) = &self.last else {
+            return Ok(());
+        };
+        let outputs = measured.probes.as_ref().zip(before.probes.as_ref());
         // By their numbers: a loop over sides and axes themselves keeps a list of each.
         for i in 0..SIDES {
             let went = outputs.map_or(Each([0.0; 4]), |(now, then)| {
-                (of_axes(now[i]) - of_axes(then[i])) / of_axes(limits.probe_per_count)
+                (of_axes(now[i]) - of_axes(then[i])) / limits.probe_per_count
             });
             for k in 0..AXES {
                 let Counts(now) = measured.encoders[i][k];
@@ -388,7 +387,7 @@ impl<M: Machine> Guard<M> {
         probes: &[[f64; AXES]; SIDES],
         measured: &Measurement,
     ) -> Result<(), Broken> {
-        let scale = of_axes(self.limits.probe_per_count);
+        let scale = self.limits.probe_per_count;
         let probes = [of_axes(probes[0]), of_axes(probes[1])];
         let (mut encoders, mut speeds) = ([Each([0.0; 4]); SIDES], [Each([0.0; 4]); SIDES]);
         for i in 0..SIDES {
@@ -541,7 +540,7 @@ impl Limits {
                 spec.five_bar.speed * while_ + 2.0 * metres_per_count[0],
                 spec.z_stage.speed * while_ + 2.0 * metres_per_count[2],
             ],
-            probe_per_count: [at_joint, at_joint, metres_per_count[2]],
+            probe_per_count: of_axes([at_joint, at_joint, metres_per_count[2]]),
             metres_per_count,
             clearance: guard.clearance,
             retract: guard.retract,
