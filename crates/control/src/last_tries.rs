@@ -5,7 +5,7 @@ use crate::conical_scan::ConicalScan;
 use crate::outcome::Halt;
 use crate::reactor::Reactor;
 use crate::recipe::{Fast, Retry};
-use crate::shaking::Shaking;
+use crate::shaking::{Believed, Shaking};
 use crate::tuning::TUNING;
 
 /// What a recipe allows of last turns, and what became of it so far.
@@ -83,14 +83,15 @@ impl<'r> LastTries<'r> {
         gap: f64,
         (tolerance, known): (f64, Across),
     ) -> Result<(), Halt> {
-        let sure = |shaking: &Shaking, known| shaking.is_sure(tolerance, known).is_ok();
+        let sure = |tip: &Believed, known| tip.is_sure(tolerance, known).is_ok();
         let share = self.retry.better;
         let dim = known.worse() > share.sqrt() * self.best;
         self.best = self.best.min(known.worse());
         let better = known.seen(share * share);
         let watching_helps = |shaking: &Shaking| {
-            let by_turns = !dim && sure(shaking, better);
-            !by_turns && !sure(shaking, known) && shaking.may_be_sure(tolerance, known)
+            let tip = shaking.believed();
+            let by_turns = !dim && sure(&tip, better);
+            !by_turns && !sure(&tip, known) && tip.may_be_sure(tolerance, known)
         };
         if self.watched > 0 || !watching_helps(&scan.shaking()) {
             self.accuracy = (share * self.accuracy).max(TUNING.last.finest);
@@ -99,7 +100,7 @@ impl<'r> LastTries<'r> {
             .await?;
         // A drift may have been seen by chance.
         let finest = known.seen((TUNING.last.finest / known.worse()).min(1.0));
-        if sure(&scan.shaking(), finest) && self.is_last() && self.patience > 0 {
+        if sure(&scan.shaking().believed(), finest) && self.is_last() && self.patience > 0 {
             self.patience -= 1;
             self.does_not_count();
         }

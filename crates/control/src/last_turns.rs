@@ -1,7 +1,7 @@
 //! The last turns at the chip, on any bench, until the light says that a fiber may be attached.
 
 use crate::beam::{Beam, Peak};
-use crate::belief::{Across, Known};
+use crate::belief::Across;
 use crate::conical_scan::ConicalScan;
 use crate::job::Job;
 use crate::last_tries::LastTries;
@@ -122,10 +122,11 @@ pub(crate) async fn last_turns(
                     && (tries.is_last() || !elsewhere && !scan.misjudges_width()) =>
             {
                 let aside = recipe.accept.aside;
-                match scan.shaking().is_sure(aside, known.at_most) {
+                let tip = scan.shaking().believed();
+                match tip.is_sure(aside, known.at_most) {
                     Err(_)
                         if ripples < TUNING.rise.often
-                            && scan.shaking().is_for_askew(aside, known.at_most) =>
+                            && tip.is_for_askew(aside, known.at_most) =>
                     {
                         ripple = chip.ripple(scan).await?;
                         ripples += 1;
@@ -148,15 +149,15 @@ pub(crate) async fn last_turns(
                     }
                     Ok(()) => {
                         chip.rests(scan);
-                        let fallen =
-                            match rests(job, bench, chip.check(scan), scan, (foreseen, known))
-                                .await?
-                            {
-                                // The gap may have come to be known better meanwhile.
-                                Ok(_) if !tries.is_last() && chip.doubts_gap() => continue,
-                                Ok(rest) => return Ok(rest),
-                                Err(fallen) => fallen,
-                            };
+                        job.flicker = scan.flicker().deviation();
+                        let across = tip.bonded(known.expected);
+                        let check = chip.check(scan);
+                        let fallen = match rests(job, bench, check, (foreseen, across)).await? {
+                            // The gap may have come to be known better meanwhile.
+                            Ok(_) if !tries.is_last() && chip.doubts_gap() => continue,
+                            Ok(rest) => return Ok(rest),
+                            Err(fallen) => fallen,
+                        };
                         tries.has_not_rested();
                         fallen
                     }
@@ -186,16 +187,14 @@ pub(crate) async fn last_turns(
     }
 }
 
-/// The fiber at rest, if its light is what circles have `foreseen`, at a peak that is `known` so well. A laser wanders meanwhile, or something
-/// has moved: that is found out where it can be mended yet.
+/// The fiber at rest, if its light is what circles have `foreseen`, at a peak that is known so well `across`. A laser wanders meanwhile, or
+/// something has moved: that is found out where it can be mended yet.
 async fn rests(
-    job: &mut Job<'_>,
+    job: &Job<'_>,
     bench: &Reactor<'_>,
     check: LightCheck,
-    scan: &ConicalScan<'_>,
-    (foreseen, known): (Foreseen, Known),
+    (foreseen, across): (Foreseen, Across),
 ) -> Result<Result<Rest, Outcome>, Halt> {
-    job.flicker = scan.flicker().deviation();
     let wanders = job.flicker * foreseen.level;
     let foreseen = Foreseen {
         deviation: foreseen.deviation.hypot(wanders),
@@ -216,6 +215,6 @@ async fn rests(
     Ok(Ok(Rest {
         look,
         foreseen,
-        across: scan.shaking().bonded(known.expected),
+        across,
     }))
 }

@@ -161,7 +161,8 @@ impl Job<'_> {
         let tolerance = recipe.accept.aside;
         if let Some(shaking) = self.shaking.filter(Shaking::is_watched) {
             // Its patterns know a peak no better than the tip shakes while they are drawn.
-            return shaking.is_sure(tolerance, beside(shaking.deviation()));
+            let tip = shaking.believed();
+            return tip.is_sure(tolerance, beside(tip.deviation()));
         }
         let measured = cell.measured_shaking(side);
         let shakes = measured.map_or(0.0, |measured| measured.of_means());

@@ -350,8 +350,8 @@ impl Shaking {
                         .max(TUNING.shaking.least * TUNING.shaking.least)
     }
 
-    /// Variances of a tip (square metres) and how probable each is, after what was seen.
-    fn believed(&self) -> Vec<(f64, f64)> {
+    /// What is believed of the tip after what was seen.
+    pub fn believed(&self) -> Believed {
         let (wide, small, rings) = (self.wide, self.small, self.rings());
         let noises = noises(self.still_degrees);
         // Whoever has seen nothing of a tip cannot say that it still is as it was.
@@ -383,25 +383,16 @@ impl Shaking {
         for (_, share) in &mut probable {
             *share /= sum;
         }
-        probable
-    }
-
-    /// Standard deviation of the tip along an axis, the worse one, metres.
-    pub fn deviation(&self) -> f64 {
-        self.deviation_by(&self.believed())
-    }
-
-    /// The same by what is [`Self::believed`].
-    fn deviation_by(&self, believed: &[(f64, f64)]) -> f64 {
-        let fast: f64 = believed.iter().map(|(v, share)| v * share).sum();
-        let [x, y] = self.slow();
-        (fast + x.max(y)).sqrt()
+        Believed {
+            shaking: *self,
+            probable,
+        }
     }
 
     /// Whether it was watched for so long that more would say little: how far it shakes is known, or that it is nothing beside a `tolerance`
     /// (metres).
     pub fn is_told(&self, tolerance: f64) -> bool {
-        let means = self.known();
+        let means = self.believed().known();
         let most = means.deviation * (TUNING.shaking.told_surely * means.spread).exp();
         let nothing = most <= TUNING.shaking.nothing * tolerance;
         self.watched && (self.measured().spread <= TUNING.shaking.known || nothing)
@@ -409,12 +400,12 @@ impl Shaking {
 
     /// What to believe of the tip from now on, of what it did while it was watched: slower and faster alike.
     pub fn measured(&self) -> Measured {
-        let means = self.known();
+        let means = self.believed().known();
         let samples = Self {
             wide: self.samples,
             ..*self
         };
-        let known = samples.known();
+        let known = samples.believed().known();
         let left = (means.deviation / known.deviation).powi(2);
         Measured {
             left: left.min(1.0),
@@ -423,11 +414,55 @@ impl Shaking {
         }
     }
 
+    /// Which share of the variance may be left of means over as long as a bond takes, and how probable each is: all of it where nobody has measured
+    /// that.
+    fn lefts(&self) -> Vec<(f64, f64)> {
+        self.measured
+            .map_or_else(|| vec![(1.0, 1.0)], |measured| measured.lefts().collect())
+    }
+
+    /// The same on average.
+    fn left(&self) -> f64 {
+        self.measured
+            .map_or(1.0, |measured| measured.left_on_average())
+    }
+
+    /// By how much larger all deviations are than they seem, and a place that is `known` so well without that. What stages askew do is told in true
+    /// measure.
+    fn widened(&self, known: Across) -> (f64, Across) {
+        let place = known.seen(self.wider);
+        if self.watched {
+            (1.0, place)
+        } else {
+            (self.wider, place.times(self.wider.recip()))
+        }
+    }
+}
+
+/// What is believed of a tip: worked out once for all that is asked of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Believed {
+    shaking: Shaking,
+    /// Variances, square metres, and how probable each is.
+    probable: Vec<(f64, f64)>,
+}
+
+impl Believed {
+    /// Standard deviation of the tip along an axis, the worse one, metres.
+    pub fn deviation(&self) -> f64 {
+        let [x, y] = self.shaking.slow();
+        (self.fast() + x.max(y)).sqrt()
+    }
+
+    /// Variance of what is faster than a turn, square metres.
+    fn fast(&self) -> f64 {
+        self.probable.iter().map(|(v, share)| v * share).sum()
+    }
+
     /// Deviation of what was seen.
     fn known(&self) -> Measured {
-        let believed = self.believed();
         let mean_of = |of: &dyn Fn(f64) -> f64| {
-            believed
+            self.probable
                 .iter()
                 .map(|(v, share)| share * of(*v))
                 .sum::<f64>()
@@ -445,18 +480,13 @@ impl Shaking {
     /// Probability that a tip whose place is `known` so well is farther than `tolerance` from the peak
     /// while its bond sets, on average, in x or in y.
     pub fn outside(&self, tolerance: f64, known: Across) -> f64 {
-        self.outside_by(&self.believed(), tolerance, known)
-    }
-
-    /// The same by what is [`Self::believed`].
-    fn outside_by(&self, believed: &[(f64, f64)], tolerance: f64, known: Across) -> f64 {
-        let slow = self.slow();
+        let slow = self.shaking.slow();
         let always = [0, 1].map(|i| known.sigma[i].powi(2) + slow[i]);
         let tail = |variance: f64| {
             let sigma = always.map(|always| (always + variance).sqrt());
             Across { sigma, ..known }.outside(tolerance)
         };
-        let lefts = self.lefts();
+        let lefts = self.shaking.lefts();
         let left_of = |v: f64| {
             lefts
                 .iter()
@@ -471,52 +501,29 @@ impl Shaking {
                 share * left_of(*v)
             }
         };
-        let all: f64 = believed.iter().map(part).sum();
+        let all: f64 = self.probable.iter().map(part).sum();
         all.min(1.0)
-    }
-
-    /// Which share of the variance may be left of means over as long as a bond takes, and how probable each is: all of it where nobody has measured
-    /// that.
-    fn lefts(&self) -> Vec<(f64, f64)> {
-        self.measured
-            .map_or_else(|| vec![(1.0, 1.0)], |measured| measured.lefts().collect())
-    }
-
-    /// The same on average.
-    fn left(&self) -> f64 {
-        self.measured
-            .map_or(1.0, |measured| measured.left_on_average())
     }
 
     /// Whether a tip whose place is `known` so well may turn out to be within `tolerance` for sure where it is watched, or watched for longer:
     /// as still as it may yet be, it would be. Of one that was not watched nobody knows what is left of means over as long as a bond takes.
     pub fn may_be_sure(&self, tolerance: f64, known: Across) -> bool {
-        let stillest = if self.watched {
+        let shaking = &self.shaking;
+        let stillest = if shaking.watched {
             let seen = self.known();
-            self.left().sqrt() * seen.deviation * (-TUNING.shaking.stiller * seen.spread).exp()
+            shaking.left().sqrt() * seen.deviation * (-TUNING.shaking.stiller * seen.spread).exp()
         } else {
             0.0
         };
-        let place = known.seen(self.wider);
+        let place = known.seen(shaking.wider);
         let sigma = place.sigma.map(|sigma| sigma.hypot(stillest));
         Across { sigma, ..place }.outside(tolerance) <= TUNING.bond.unsure
-    }
-
-    /// By how much larger all deviations are than they seem, and a place that is `known` so well without that. What stages askew do is told in true
-    /// measure.
-    fn widened(&self, known: Across) -> (f64, Across) {
-        let place = known.seen(self.wider);
-        if self.watched {
-            (1.0, place)
-        } else {
-            (self.wider, place.times(self.wider.recip()))
-        }
     }
 
     /// Whether such a tip would be farther off than a `tolerance` much less probably were it known that stages stand square.
     pub fn is_for_askew(&self, tolerance: f64, known: Across) -> bool {
         let outside = |known: Across| {
-            let (all, known) = self.widened(known);
+            let (all, known) = self.shaking.widened(known);
             self.outside(tolerance / all, known)
         };
         outside(known.on_square_stages()) < TUNING.rise.less * outside(known)
@@ -524,10 +531,9 @@ impl Shaking {
 
     /// How well it is expected to be known along an axis where a tip, of which the place is `known` so well, is while its bond sets.
     pub fn bonded(&self, known: Across) -> Across {
-        let left = self.left();
-        let fast: f64 = self.believed().iter().map(|(v, share)| v * share).sum();
-        let (all, place) = self.widened(known);
-        let slow = self.expected_slow();
+        let (left, fast) = (self.shaking.left(), self.fast());
+        let (all, place) = self.shaking.widened(known);
+        let slow = self.shaking.expected_slow();
         let shakes = slow.map(|slow| (left * fast + slow).max(0.0));
         let sigma = [0, 1].map(|i| (shakes[i] + place.sigma[i].powi(2)).sqrt());
         Across { sigma, ..place }.times(all)
@@ -540,11 +546,12 @@ impl Shaking {
     /// [`Outcome::UnsurePlace`].
     pub fn is_sure(&self, tolerance: f64, known: Across) -> Result<(), Outcome> {
         // Where all deviations are larger by a factor, the tolerance is as much smaller.
-        let (all, known) = self.widened(known);
+        let (all, known) = self.shaking.widened(known);
         let tolerance = tolerance / all;
-        let believed = self.believed();
-        let probability = self.outside_by(&believed, tolerance, known);
-        known.is_within((tolerance, probability), self.deviation_by(&believed))
+        known.is_within(
+            (tolerance, self.outside(tolerance, known)),
+            self.deviation(),
+        )
     }
 }
 
@@ -604,30 +611,30 @@ mod tests {
         assert!(!still.is_known());
         still.add_small(&seen(2e-9));
         still.add_wide(&seen(2e-9));
-        assert!(still.outside(0.1e-6, Across::of(15e-9)) < 1e-4);
+        assert!(still.believed().outside(0.1e-6, Across::of(15e-9)) < 1e-4);
         let mut shakes = Shaking::new(None);
         for _ in 0..10 {
             shakes.add_wide(&seen(30e-9));
         }
         assert!(
-            (shakes.deviation() - 31e-9).abs() < 2e-9,
+            (shakes.believed().deviation() - 31e-9).abs() < 2e-9,
             "{}",
-            shakes.deviation()
+            shakes.believed().deviation()
         );
-        assert!(shakes.outside(0.1e-6, Across::of(1e-9)) > 1e-3);
+        assert!(shakes.believed().outside(0.1e-6, Across::of(1e-9)) > 1e-3);
         // One that happened to look quieter than it is.
         let mut chance = Shaking::new(None);
         chance.add_small(&seen(17e-9));
-        assert!(chance.outside(0.1e-6, Across::of(5e-9)) > 1e-4);
+        assert!(chance.believed().outside(0.1e-6, Across::of(5e-9)) > 1e-4);
         // One that rang on the wide circle, and no longer does.
         let mut rang = still;
         for _ in 0..4 {
             rang.add_wide(&seen(100e-9));
         }
-        assert!(rang.outside(0.1e-6, Across::of(15e-9)) < 1e-3);
+        assert!(rang.believed().outside(0.1e-6, Across::of(15e-9)) < 1e-3);
         // One that was seen to wander from turn to turn.
         still.set_slow([16e-16; 2], [1e-16; 2], 10.0);
-        assert!(still.outside(0.1e-6, Across::of(15e-9)) > 1e-4);
+        assert!(still.believed().outside(0.1e-6, Across::of(15e-9)) > 1e-4);
     }
 
     #[test]
@@ -637,15 +644,18 @@ mod tests {
         for _ in 0..3 {
             shakes.add_wide(&seen(30e-9));
         }
-        assert!(shakes.is_sure(tolerance, near).is_err());
+        assert!(shakes.believed().is_sure(tolerance, near).is_err());
         // Nobody knows what is left of its means, but however still, it is not sure at a place that is known so badly.
-        assert!(shakes.may_be_sure(tolerance, near) && !shakes.may_be_sure(tolerance, far));
+        assert!(
+            shakes.believed().may_be_sure(tolerance, near)
+                && !shakes.believed().may_be_sure(tolerance, far)
+        );
         // Means that were watched for long are known.
         let mut watched = shakes.to_watch();
         for _ in 0..100 {
             watched.add_wide(&seen(30e-9));
         }
-        assert!(!watched.may_be_sure(tolerance, near));
+        assert!(!watched.believed().may_be_sure(tolerance, near));
     }
 
     #[test]
@@ -662,11 +672,11 @@ mod tests {
         }
         // From turn to turn the peak scatters as much as is left of means: no more of it than was measured.
         shaking.set_slow([18e-9_f64.powi(2) + 1e-16; 2], [1e-16; 2], 10.0);
-        let bonded = shaking.bonded(Across::default()).worse();
+        let bonded = shaking.believed().bonded(Across::default()).worse();
         assert!((bonded - 18e-9).abs() < 2e-9, "{bonded}");
         // And by more where it scatters by more.
         shaking.set_slow([40e-9_f64.powi(2); 2], [1e-16; 2], 10.0);
-        let bonded = shaking.bonded(Across::default()).worse();
+        let bonded = shaking.believed().bonded(Across::default()).worse();
         assert!(bonded > 28e-9, "{bonded}");
     }
 
@@ -695,7 +705,7 @@ mod tests {
                 still_degrees: f64::INFINITY,
                 degrees: 21.0,
             });
-            said += shaking.outside(tolerance, Across::default());
+            said += shaking.believed().outside(tolerance, Across::default());
             // Of what wanders from turn to turn there is as much as is usual.
             let whole = deviation.hypot(USUAL.deviation);
             for _ in 0..2 {

@@ -296,12 +296,18 @@ impl<'a> Station<'a> {
     fn answer(&mut self) {
         let (time, period) = (self.measurement.time, self.period);
         self.play_fine(time + period);
+        // One after the other, of both arms: what follows a motion waits for divisions and roots, and piezos do not.
+        for (arm, encoders) in self.arms.iter_mut().zip(&self.measurement.encoders) {
+            arm.wait(encoders, self.limits.z, period);
+            arm.aim(time);
+        }
+        for (volts, arm) in self.command.micro.iter_mut().zip(&mut self.arms) {
+            *volts = arm.piezos();
+        }
         for (i, arm) in self.arms.iter_mut().enumerate() {
-            arm.wait(&self.measurement.encoders[i], self.limits.z, period);
-            arm.follow(time);
+            arm.follow();
             self.command.motors[i] = arm.servo(&self.measurement.encoders[i]);
             self.command.references[i] = arm.servo_references();
-            self.command.micro[i] = arm.piezos();
         }
     }
 

@@ -152,20 +152,20 @@ impl Hysteresis {
         // Where the plays are over a cycle at full stroke does not depend on their share: they are taken along once.
         let strokes = with(0.0).full_stroke();
         // The opening grows with the share of the plays, nearly in proportion.
-        let (mut share, mut last) = (0.0, (0.0, 0.0));
+        let (mut last, mut range) = ((0.0, 0.0), 2.0);
         let mut guess = 2.0 * opening;
         for _ in 0..6 {
-            let (now, _) = with(guess).opening(&strokes);
+            let now;
+            (now, range) = with(guess).opening(&strokes);
             let slope = (now - last.1) / (guess - last.0);
-            share = guess;
             last = (guess, now);
             if (now - opening).abs() < 1e-6 || slope == 0.0 || !slope.is_finite() {
                 break;
             }
             guess = (guess + (opening - now) / slope).clamp(0.0, 0.95);
         }
+        let (share, reached) = last;
         let mut hysteresis = with(share);
-        let (reached, range) = hysteresis.opening(&strokes);
         hysteresis.scale = 2.0 / range;
         Ok((hysteresis, reached))
     }

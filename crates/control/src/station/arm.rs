@@ -71,6 +71,7 @@ pub(super) struct Arm {
     /// Where the endpoint is wanted at this moment.
     pub(super) wanted: Point<Macro>,
     pub(super) motion: Option<Started>,
+    aim: Option<Aim>,
     pub(super) micro: Displacement,
     pub(super) piezos: Option<MicroCompensation>,
     /// What was learned of them since.
@@ -113,6 +114,15 @@ impl Known {
         }));
         Some(endpoint)
     }
+}
+
+/// Where a motion has come to at this moment.
+#[derive(Debug, Clone, Copy)]
+struct Aim {
+    /// Where the outputs are wanted, radians; `None` where no mechanism has the endpoint there.
+    outputs: Option<[f64; AXES]>,
+    /// Whether that is its end.
+    arrived: bool,
 }
 
 /// A motion that is being followed.
@@ -166,6 +176,7 @@ impl Arm {
             references: [Counts(0); AXES],
             wanted: Point::ORIGIN,
             motion: None,
+            aim: None,
             micro: Displacement::ZERO,
             piezos: calibration
                 .hysteresis
@@ -261,20 +272,31 @@ impl Arm {
         started.at += started.slower * period;
     }
 
-    /// Sets the references for this moment.
+    /// Where a motion wants the endpoint at this moment, and the outputs for it.
     #[inline(always)]
-    pub(super) fn follow(&mut self, time: f64) {
+    pub(super) fn aim(&mut self, time: f64) {
         let Some(Started { motion, at, .. }) = &self.motion else {
             return;
         };
         let elapsed = time - at;
         self.wanted = motion.at(elapsed);
-        let arrived = elapsed >= motion.duration();
+        let turning = &mut self.wanted_turning;
+        self.aim = Some(Aim {
+            outputs: self.kinematics.outputs_from(turning, self.wanted).ok(),
+            arrived: elapsed >= motion.duration(),
+        });
+    }
+
+    /// Sets the references for what was [aimed](Self::aim) at.
+    #[inline(always)]
+    pub(super) fn follow(&mut self) {
+        let Some(Aim { outputs, arrived }) = self.aim.take() else {
+            return;
+        };
         let mut over = arrived;
         // The motion lies inside the workspace, which was checked to be reachable; were it not,
         // holding is the answer.
-        let turning = &mut self.wanted_turning;
-        if let Ok(outputs) = self.kinematics.outputs_from(turning, self.wanted) {
+        if let Some(outputs) = outputs {
             for (i, output) in outputs.into_iter().enumerate() {
                 // (2.22): the input that is needed for this output.
                 let windup = self.windups[i].next(&mut self.windup_states[i], output);

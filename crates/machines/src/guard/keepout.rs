@@ -106,6 +106,17 @@ struct Led {
     in_light: bool,
 }
 
+/// Where the endpoints are across, in a cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Found {
+    /// Angles of the five-bars' outputs by their probes, radians; nothing on a rig without probes.
+    angles: Option<[[f64; 2]; SIDES]>,
+    /// By encoders, metres from home; no numbers where no mechanism has these angles...
+    by_encoders: [(f64, f64); SIDES],
+    /// ...and by probes.
+    by_probes: [(f64, f64); SIDES],
+}
+
 /// All tips, and where the holders were of late.
 #[derive(Debug, Clone)]
 pub(super) struct Keepout {
@@ -153,8 +164,7 @@ pub(super) struct Keepout {
     at: usize,
     /// What says where the endpoints are across.
     across: Across,
-    /// Where they are by probes, metres from home; no numbers where no mechanism has these angles, nothing on a rig without probes.
-    probed: [Option<(f64, f64)>; SIDES],
+    found: Found,
     held: [bool; SIDES],
     fibers: [Option<Belief>; SIDES],
     sensing: Option<Belief>,
@@ -227,7 +237,7 @@ impl Keepout {
             anew: false,
             at: 0,
             across: Across::new(&geometry.arms),
-            probed: [None; SIDES],
+            found: Found::default(),
             held: [false; SIDES],
             fibers: [None; SIDES],
             sensing: None,
@@ -351,7 +361,24 @@ impl Keepout {
         self.stand(side, 0).endpoint.z - self.stand(side, back).endpoint.z
     }
 
-    /// Notes where everything is in this cycle. `false` for a side whose joints no mechanism has.
+    /// Finds where the endpoints are across in this cycle.
+    #[inline(always)]
+    pub(super) fn find(&mut self, measured: &Measurement) {
+        let counted = measured.encoders.map(|[Counts(a), Counts(b), _]| {
+            [a, b].map(|counts| counts as f64 * self.radians_per_count)
+        });
+        let angles =
+            (measured.probes).map(|probes| probes.map(|[a, b, _]| [a / self.arm, b / self.arm]));
+        let [by_encoders, by_probes] = self.across.of(counted, angles.unwrap_or_default());
+        self.found = Found {
+            angles,
+            by_encoders,
+            by_probes,
+        };
+    }
+
+    /// Notes where everything is in this cycle, of which the endpoints have been [found](Self::find). `false` for a side whose joints no mechanism
+    /// has.
     #[inline(always)]
     pub(super) fn note(
         &mut self,
@@ -365,11 +392,11 @@ impl Keepout {
             self.at = 0;
         }
         let mut wholes = [true; SIDES];
-        let counted = encoders.map(|[Counts(a), Counts(b), _]| {
-            [a, b].map(|counts| counts as f64 * self.radians_per_count)
-        });
-        let angles = probes.map(|probes| probes.map(|[a, b, _]| [a / self.arm, b / self.arm]));
-        let [by_encoders, by_probes] = self.across.of(counted, angles.unwrap_or_default());
+        let Found {
+            angles,
+            by_encoders,
+            ..
+        } = self.found;
         for (i, whole) in wholes.iter_mut().enumerate() {
             let arm = &self.geometry.arms[i];
             let [.., Counts(z)] = encoders[i];
@@ -383,7 +410,6 @@ impl Keepout {
                 gone[1] += (y - endpoint.y).abs();
                 (endpoint.x, endpoint.y) = (x, y);
             }
-            self.probed[i] = angles.is_some().then_some(by_probes[i]);
             endpoint.z = z as f64 * self.metres_per_count_z;
             let mut added = Displacement::ZERO;
             for (gain, Volts(volts)) in self.micro[i].iter().zip(micro[i]) {
@@ -446,7 +472,11 @@ impl Keepout {
         }
         let stand = &self.recent[self.at][i];
         let arm = &self.geometry.arms[i];
-        let (x, y) = self.probed[i].filter(|(x, y)| !(x + y).is_nan())?;
+        self.found.angles?;
+        let (x, y) = self.found.by_probes[i];
+        if (x + y).is_nan() {
+            return None;
+        }
         let holder = Point::new(x, y, stand.endpoint.z);
         let x_of = |at| arm.placement.chip_from_macro(at).x;
         Some((x_of(holder.moved(stand.micro)), x_of(holder)))

@@ -28,7 +28,7 @@ use pigtail_hal::{
 };
 use pigtail_model::each::Each;
 use pigtail_model::instructions::{Instructions, Work};
-use watch::{Outputs, Piezos, Sensors, Stalls, of_axes};
+use watch::{OfAxes, Outputs, Piezos, Sensors, Stalls, of_axes};
 
 /// A machine that is watched.
 #[derive(Debug)]
@@ -77,7 +77,7 @@ struct Limits {
     /// Metres for a count, to say it.
     metres_per_count: [f64; AXES],
     /// Metres at the probe for a count; nothing on a rig without probes.
-    probe_per_count: [f64; AXES],
+    probe_per_count: OfAxes,
     /// How far from home, metres: x and y, z.
     reach: [f64; 2],
     /// Most metres within [`WHILE`] cycles: x and y together, z.
@@ -271,13 +271,18 @@ impl<M: Machine> Guard<M> {
                 "a machine that nobody stops".to_owned(),
             ));
         }
-        let whole = self.keepout.note(measured, &command.micro);
-        if let Some(before) = self.last {
-            self.sensors.check(before.time, measured)?;
-            self.check_axes(command, &before, measured)?;
+        // Begun first, for it waits for divisions and roots: what is known without it is looked at meanwhile.
+        self.keepout.find(measured);
+        if let Some(Last { time, .. }) = self.last {
+            self.sensors.check(time, measured)?;
+            self.check_motors(command, measured)?;
         } else {
             self.sensors.begin(measured.time);
             self.keepout.begin(measured.time);
+        }
+        let whole = self.keepout.note(measured, &command.micro);
+        if self.last.is_some() && !self.leaves_out(&Rule::ServoFollowing) {
+            self.check_following(command, measured)?;
         }
         if let Some(probes) = &measured.probes
             && !self.leaves_out(&Rule::OutputFollowing)
@@ -307,46 +312,53 @@ impl<M: Machine> Guard<M> {
         self.light.check(command, measured, &self.keepout)
     }
 
+    /// Whether encoders go no faster than they can, and motors turn that are given voltage.
     #[inline(always)]
-    fn check_axes(
-        &mut self,
-        command: &Command,
-        before: &Last,
-        measured: &Measurement,
-    ) -> Result<(), Broken> {
+    fn check_motors(&mut self, command: &Command, measured: &Measurement) -> Result<(), Broken> {
         let limits = &self.limits;
-        let (stalls, following) = (
-            !self.exempt.contains(&Rule::MotorStall),
-            !self.exempt.contains(&Rule::ServoFollowing),
-        );
+        let stalls = !self.exempt.contains(&Rule::MotorStall);
+        // Looked at where it lies: what is copied in narrow pieces and read at once in wide ones is waited for.
+        let Some(before) = &self.last else {
+            return Ok(());
+        };
+        let outputs = measured.probes.as_ref().zip(before.probes.as_ref());
         // By their numbers: a loop over sides and axes themselves keeps a list of each.
         for i in 0..SIDES {
+            let went = outputs.map_or(Each([0.0; 4]), |(now, then)| {
+                (of_axes(now[i]) - of_axes(then[i])) / limits.probe_per_count
+            });
             for k in 0..AXES {
                 let Counts(now) = measured.encoders[i][k];
                 let Counts(then) = before.encoders[i][k];
-                let named = || AxisName::new(Side::ALL[i], Axis::ALL[k]).to_string();
                 if (now - then).abs() > limits.jump[k] {
                     return Err(Broken::new(
                         Rule::EncoderSpeed,
-                        named(),
+                        AxisName::new(Side::ALL[i], Axis::ALL[k]).to_string(),
                         format!("{} counts in a cycle", now - then),
                         format!("at most {}", limits.jump[k]),
                     ));
                 }
                 if stalls && command.pulses[i][k].is_none() {
                     let volts = command.motors[i][k];
-                    let output = || {
-                        let (now, then) = (measured.probes.as_ref()?, before.probes.as_ref()?);
-                        Some((now[i][k] - then[i][k]) / limits.probe_per_count[k])
-                    };
-                    let turned = now != then;
-                    self.stalls.check((i, k), volts, turned, output)?;
+                    self.stalls.check((i, k), volts, now != then, went[k])?;
                 }
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether axes are where their servos hold them to.
+    #[inline(always)]
+    fn check_following(&self, command: &Command, measured: &Measurement) -> Result<(), Broken> {
+        let limits = &self.limits;
+        for i in 0..SIDES {
+            for k in 0..AXES {
                 let Some(Counts(wanted)) = command.references[i][k] else {
                     continue;
                 };
+                let Counts(now) = measured.encoders[i][k];
                 let away = (wanted - now).abs();
-                if away <= limits.following[k] || !following {
+                if away <= limits.following[k] {
                     continue;
                 }
                 // One that moves is farther behind: speeds are looked at where it may matter.
@@ -358,7 +370,7 @@ impl<M: Machine> Guard<M> {
                     let um = 1e6 * limits.metres_per_count[k];
                     return Err(Broken::new(
                         Rule::ServoFollowing,
-                        named(),
+                        AxisName::new(Side::ALL[i], Axis::ALL[k]).to_string(),
                         format!("{:.0} um away", away as f64 * um),
                         format!("at most {:.0} um at this speed", most as f64 * um),
                     ));
@@ -375,7 +387,7 @@ impl<M: Machine> Guard<M> {
         probes: &[[f64; AXES]; SIDES],
         measured: &Measurement,
     ) -> Result<(), Broken> {
-        let scale = of_axes(self.limits.probe_per_count);
+        let scale = self.limits.probe_per_count;
         let probes = [of_axes(probes[0]), of_axes(probes[1])];
         let (mut encoders, mut speeds) = ([Each([0.0; 4]); SIDES], [Each([0.0; 4]); SIDES]);
         for i in 0..SIDES {
@@ -528,7 +540,7 @@ impl Limits {
                 spec.five_bar.speed * while_ + 2.0 * metres_per_count[0],
                 spec.z_stage.speed * while_ + 2.0 * metres_per_count[2],
             ],
-            probe_per_count: [at_joint, at_joint, metres_per_count[2]],
+            probe_per_count: of_axes([at_joint, at_joint, metres_per_count[2]]),
             metres_per_count,
             clearance: guard.clearance,
             retract: guard.retract,

@@ -174,14 +174,14 @@ impl Stalls {
     }
 
     /// A cycle in which the motor of a side and an axis was given so much and turned or not, by its encoder, and its output went
-    /// so many counts, by its probe.
+    /// so many counts, by its probe; none on a rig without.
     #[inline(always)]
     pub(super) fn check(
         &mut self,
         (i, k): (usize, usize),
         Volts(volts): Volts,
         turned: bool,
-        output: impl FnOnce() -> Option<f64>,
+        output: f64,
     ) -> Result<(), Broken> {
         let (stall, start) = (&mut self.each[i][k], self.start[k]);
         if turned {
@@ -189,7 +189,7 @@ impl Stalls {
             return Ok(());
         }
         let more = volts.abs() - start;
-        let went = output().map_or(0.0, |went| went * volts.signum());
+        let went = output * volts.signum();
         let sets_off = more > 0.0 && went >= MOVES && stall.rests >= RESTED;
         if sets_off {
             stall.gone += went;
@@ -463,7 +463,7 @@ mod tests {
         let at = (Side::Left.index(), Axis::Z.index());
         let mut cycles = cycles.into_iter().enumerate();
         cycles.find_map(|(i, (volts, turned, output))| {
-            let checked = stalls.check(at, Volts(volts), turned, || output);
+            let checked = stalls.check(at, Volts(volts), turned, output.unwrap_or(0.0));
             checked.is_err().then_some(i + 1)
         })
     }
