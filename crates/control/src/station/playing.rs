@@ -68,7 +68,7 @@ pub(super) struct Fine {
 
 #[derive(Debug, Clone)]
 enum Way {
-    Circle(Circle),
+    Circle(Box<Circle>),
     Scan(Scan),
     /// To rest where it is, until a time, seconds.
     Rest(f64),
@@ -243,7 +243,7 @@ impl Station<'_> {
         let now = self.time();
         let here = self.micro(side);
         let way = match law {
-            Law::Dither(law) => Way::Circle(self.circle(side, law)),
+            Law::Dither(law) => Way::Circle(Box::new(self.circle(side, law))),
             Law::Scan(knots) => Way::Scan(Scan::new(knots, now, here)),
             Law::Line { to, limits } => {
                 let place = Displacement::new(to.x(), to.y());
