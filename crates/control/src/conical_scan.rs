@@ -345,6 +345,11 @@ impl<'r> ConicalScan<'r> {
         self.slower > 1.0
     }
 
+    /// The radius of its circles, in widths of the peak.
+    pub fn radius(&self) -> f64 {
+        self.radius
+    }
+
     /// Circles of another radius from now on, in widths of the peak.
     pub fn set_radius(&mut self, radius: f64) {
         self.radius = radius;

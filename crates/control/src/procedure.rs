@@ -256,7 +256,7 @@ impl Job<'_> {
     }
 
     /// Goes to `to` from below, so that the transmissions are wound up as on every arrival: what
-    /// they hold back is then the same each time (thesis 2.4). What they held back so far comes out at once when joints turn back, across as well,
+    /// they hold back is then the same each time (thesis 2.4). Not as near to where the facet stands out as who guards the machine would stop it. What they held back so far comes out at once when joints turn back, across as well,
     /// where an inclined facet stands out: straight back first, where it would be near.
     pub(crate) async fn arrive(
         &self,
@@ -264,11 +264,12 @@ impl Job<'_> {
         side: Side,
         to: Point<Macro>,
     ) -> Result<(), Halt> {
+        let (facet, here, room) = (self.facet(), cell.wanted(side), self.room(cell, side));
+        let to = facet.off(cell, side, to, room - (to.z - here.z));
         let below = to.shifted(0.0, -self.recipe.coarse.run_up, 0.0);
         let aside = TUNING.gap.turns_back * cell.spec().guard.windup;
-        let nearer = self.recipe.ports.slope().abs() * aside - self.room(cell, side);
+        let nearer = facet.stands_out(cell.spec(), 0.0, aside) - room;
         if nearer > 0.0 {
-            let here = cell.wanted(side);
             let z = here.z.min(to.z) - nearer;
             cell.line(side, Point::new(here.x, here.y, z), None).await?;
             cell.line(side, Point::new(below.x, below.y, z), None)
@@ -369,7 +370,14 @@ impl Job<'_> {
         cell.laser(true)?;
         let [x, y, z] = output;
         let start = Point::new(x + self.walk(), y - recipe.sensing.below, z);
-        self.place(cell, side, Tip::Sensing, start, recipe.raster.gap)
+        // Where it may step aside later, the facet may stand out as far.
+        let passes = recipe.raster.retry.passes.iter();
+        let steps = passes.map(|pass| pass.sensing.abs()).fold(0.0, f64::max);
+        let [bound, _] = cell.spec().vision.believed();
+        let aside = bound + steps * recipe.sensing.sidestep;
+        let out = self.facet().stands_out(cell.spec(), self.walk(), aside);
+        let gap = out + cell.spec().guard.clearance + 2.0 * TUNING.gap.upward;
+        self.place(cell, side, Tip::Sensing, start, gap.max(recipe.raster.gap))
             .await?;
         let core = cell.spec().sensing_fiber.core;
         let height = recipe.sensing.below + recipe.raster.y + recipe.raster.overscan + core;

@@ -77,7 +77,8 @@ impl Recipe {
         const LEFT: f64 = 50e-6;
         let guard = &spec.guard;
         // Motors go beyond by what their transmissions hide, where that is made up for, and the guard believes that they may hide as much on either side.
-        let aside = self.ports.slope().abs() * (guard.placement + 2.0 * guard.windup);
+        let slope = self.ports.slope();
+        let aside = (slope.abs() + guard.steeper(slope)) * (guard.placement + 2.0 * guard.windup);
         self.coarse.far.max(guard.placement + aside + LEFT)
     }
 }

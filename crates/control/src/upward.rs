@@ -7,8 +7,8 @@ use crate::cell::{AlignmentCell, Reach};
 use crate::outcome::{Halt, Outcome};
 use crate::tip_estimator::Tip;
 use crate::tuning::TUNING;
-use pigtail_hal::Side;
 use pigtail_hal::spec::GuardSpec;
+use pigtail_hal::{Side, Spec};
 use pigtail_model::frames::{Chip, Macro, Point};
 
 /// The facet that a tip goes upward before.
@@ -39,11 +39,37 @@ impl Facet {
     /// its first frame.
     fn room(&self, cell: &AlignmentCell<'_>, side: Side, reach: Reach) -> Option<f64> {
         let beside = self.beside(cell, side)?;
-        let out = |x: f64| self.slope * (beside + x);
         let [bound, _] = cell.spec().vision.believed();
         let unsure = bound + GuardSpec::HYSTERESIS * (reach.high - reach.low);
-        let out = out(reach.low).max(out(reach.high)) + self.slope.abs() * unsure;
-        Some(cell.room_before(side, self.port.z, 0.0)? - out.max(0.0))
+        let out = |x: f64| self.stands_out(cell.spec(), beside + x, unsure);
+        let out = out(reach.low).max(out(reach.high));
+        Some(cell.room_before(side, self.port.z, 0.0)? - out)
+    }
+
+    /// How far it stands out at most from its port so far `beside` that, or `unsure` farther, both in metres; nothing where it recedes. It may be cut
+    /// steeper than by design.
+    pub(crate) fn stands_out(&self, spec: &Spec, beside: f64, unsure: f64) -> f64 {
+        let steeper = spec.guard.steeper(self.slope);
+        let out = self.slope * beside + self.slope.abs() * unsure;
+        (out + steeper * (beside.abs() + unsure)).max(0.0)
+    }
+
+    /// A place of a holder, or one farther from the chip where the facet stands out before its tip there: in front of the port there is so much `room`
+    /// for who guards the machine, metres.
+    pub(crate) fn off(
+        &self,
+        cell: &AlignmentCell<'_>,
+        side: Side,
+        there: Point<Macro>,
+        room: f64,
+    ) -> Point<Macro> {
+        let Some(beside) = self.beside(cell, side) else {
+            return there;
+        };
+        let way = cell.frame(side).chip_from_macro(there).x - cell.holder(side).x;
+        let [bound, _] = cell.spec().vision.believed();
+        let out = self.stands_out(cell.spec(), beside + cell.micro(side).x + way, bound);
+        there.shifted(0.0, 0.0, -(out + 2.0 * TUNING.gap.upward - room).max(0.0))
     }
 
     /// How far beside the port a tip stands by vision, its micro in its middle, metres.

@@ -151,6 +151,10 @@ pub struct GuardSpec {
     /// as much worse.
     #[serde(with = "quantity::Positive")]
     pub scale: f64,
+    /// By what angle a facet may be cut otherwise than by design, standard deviation, radians: where a tip is beside its port, the facet
+    /// may stand out by so much more. Polishers state 0.3 to 0.5 degrees at most.
+    #[serde(with = "quantity::NonNegativeAngle")]
+    pub facet: f64,
     /// How long a photodiode may read the end of its range, seconds.
     #[serde(with = "quantity::PositiveTime")]
     pub saturated: f64,
@@ -176,6 +180,11 @@ impl GuardSpec {
     /// What is known of a tip is never worth more than the last 200 frames, 8 s: chip and holders warm, by 0.01 um/s and more, and the mean of all frames
     /// of a tip that stands for minutes is where it was long ago.
     pub const FORGETS: f64 = 1.0 / 200.0;
+
+    /// By how much more or less than the `slope` of its design a facet may stand out, metres for a metre aside of its port.
+    pub fn steeper(&self, slope: f64) -> f64 {
+        Self::SIGMAS * self.facet * (1.0 + slope * slope)
+    }
 }
 
 impl Default for GuardSpec {
@@ -191,6 +200,7 @@ impl Default for GuardSpec {
             lag: 1.5e-3,
             askew: 2e-3,
             scale: 2e-3,
+            facet: 0.15_f64.to_radians(),
             saturated: 50e-3,
             retract: 500e-6,
         }

@@ -173,6 +173,35 @@ fn an_axis_whose_encoder_stands_still_is_stopped_at_once() {
 }
 
 #[test]
+fn a_tip_aside_is_stopped_the_farther_off_the_less_is_known_of_its_facet() {
+    // At home a fiber is 1.5 mm beside its port.
+    let stopped_at = |degrees: f64| {
+        let mut spec = common::spec();
+        spec.guard.facet = degrees.to_radians();
+        let plant = Plant::parse("plant.toml", &common::read("plant.toml")).expect("a good plant");
+        let mut machine = Guard::new(
+            Twin::new(spec, &plant, 1).expect("a good plant"),
+            common::geometry(),
+        );
+        let command = centred(&machine);
+        let mut at = 0;
+        let fault = until_fault(&mut machine, 20_000, |k, seen| {
+            let mut next = command;
+            next.fiber[0] = (k == 0).then_some(FiberHandling::Load(0));
+            at = seen.map_or(0, |m| m.encoders[0][2].0);
+            next.motors[0][2] = Volts(15.0);
+            next
+        });
+        assert_eq!(fault.map(|fault| fault.rule), Some(Rule::ChipDistance));
+        at as f64
+    };
+    let [by_design, one, two] = [0.0, 1.0, 2.0].map(stopped_at);
+    let (farther, twice) = (by_design - one, by_design - two);
+    assert!(farther > 0.0, "{by_design} {one}");
+    assert!((twice / farther - 2.0).abs() < 0.1, "{farther} {twice}");
+}
+
+#[test]
 fn a_fiber_on_its_way_into_the_chip_is_stopped_before_it_and_drawn_back() {
     for seed in 0..20 {
         let mut machine = guarded(seed);

@@ -14,6 +14,7 @@ use crate::station::{coarse, fine};
 use crate::sweep::{calm, reach};
 use crate::tip_estimator::{Seen, Tip};
 use crate::tuning::TUNING;
+use crate::upward::Facet;
 use pigtail_hal::Side;
 use pigtail_hal::spec::Channel;
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
@@ -101,12 +102,70 @@ impl Aim {
         outward(self.side) * (holder.z - self.port.z)
     }
 
-    /// How far the inclined facet stands out from the port before the tip, metres; none where it recedes. `slope` is by how much for each metre in x.
-    pub(super) fn stands_out(&self, cell: &AlignmentCell<'_>, slope: f64) -> f64 {
+    /// How far beside the port the tip is on the chip's x, metres.
+    pub(super) fn beside(&self, cell: &AlignmentCell<'_>) -> f64 {
         let (x, _) = self.offset(cell);
         let holder = cell.endpoint(self.side).moved(cell.micro(self.side));
-        let at = cell.frame(self.side).chip_from_macro(holder).x + x;
-        (slope * (at - self.port.x)).max(0.0)
+        cell.frame(self.side).chip_from_macro(holder).x + x - self.port.x
+    }
+
+    /// The facet before which it is.
+    pub(super) fn facet(&self, recipe: &Recipe) -> Facet {
+        Facet {
+            port: self.port,
+            slope: recipe.ports.slope(),
+        }
+    }
+
+    /// In from afar, to where a search starts as vision has that by then, and no nearer than the facet lets a tip come that is aside there. Where what
+    /// transmissions let out has brought the tip so far aside that it would be too near on its way, it goes sideways first.
+    pub(super) async fn come_in(
+        &self,
+        cell: &AlignmentCell<'_>,
+        recipe: &Recipe,
+        start: impl Fn() -> Point<Macro>,
+    ) -> Result<(), Halt> {
+        for _ in 0..TUNING.gap.sideways {
+            let (here, there) = (cell.wanted(self.side), start());
+            if self.too_near(cell, recipe, there, self.beside(cell)) == 0.0 {
+                break;
+            }
+            cell.go(self.side, Point::new(there.x, here.y, here.z))
+                .await?;
+            cell.next_frame().await?;
+        }
+        // What is still aside then stays farther off until it is in front of its port.
+        let there = self.off_the_facet(cell, recipe, start());
+        let nearer = self.too_near(cell, recipe, there, self.beside(cell));
+        let there = there.shifted(0.0, 0.0, -nearer);
+        Ok(cell.go(self.side, there).await?)
+    }
+
+    /// A place of the holder, or one farther from the chip where the inclined facet may stand out as far before the tip there.
+    fn off_the_facet(
+        &self,
+        cell: &AlignmentCell<'_>,
+        recipe: &Recipe,
+        there: Point<Macro>,
+    ) -> Point<Macro> {
+        let [x, then] =
+            [cell.wanted(self.side), there].map(|at| cell.frame(self.side).chip_from_macro(at).x);
+        let beside = self.beside(cell) + then - x;
+        there.shifted(0.0, 0.0, -self.too_near(cell, recipe, there, beside))
+    }
+
+    /// How much too near the facet a tip would be with its holder at a place, so far `beside` its port, metres; nothing where it would not.
+    fn too_near(
+        &self,
+        cell: &AlignmentCell<'_>,
+        recipe: &Recipe,
+        there: Point<Macro>,
+        beside: f64,
+    ) -> f64 {
+        let [bound, _] = cell.spec().vision.believed();
+        let gap = self.off_the_port(cell, there) + outward(self.side) * self.offset(cell).1;
+        let out = self.facet(recipe).stands_out(cell.spec(), beside, bound);
+        (out + 2.0 * TUNING.gap.upward - gap).max(0.0)
     }
 
     /// The gap for circles: how it follows the macro.
@@ -307,8 +366,8 @@ impl Shared<'_> {
             rehearse(cell, aim.side, recipe, low).await?;
             cell.stands(aim.side).await?;
             calm_down(cell, aim, recipe).await?;
-            let start = aim.holder(cell, exit, -below, fast.input_gap);
-            cell.go(aim.side, start).await
+            let start = || aim.holder(cell, exit, -below, fast.input_gap);
+            aim.come_in(cell, recipe, start).await
         };
         let eye = async {
             let first = sensing.holder(cell, exit, -s.below - run_up, s.gap + far);
@@ -316,8 +375,8 @@ impl Shared<'_> {
             rehearse(cell, sensing.side, recipe, 0.0).await?;
             cell.stands(sensing.side).await?;
             calm_down(cell, sensing, recipe).await?;
-            let start = sensing.holder(cell, exit, -s.below, s.gap);
-            cell.go(sensing.side, start).await
+            let start = || sensing.holder(cell, exit, -s.below, s.gap);
+            sensing.come_in(cell, recipe, start).await
         };
         let there = Cell::new(false);
         let arms = async {
@@ -459,9 +518,10 @@ impl Shared<'_> {
         // The next fiber's place in the holder is not known yet: as far away as for any, from the
         // inclined facet where the holder stands now too.
         let stood = cell.frame(aim.side).chip_from_macro(here);
-        let stands_out = outward(aim.side) * recipe.ports.slope() * (stood.x - aim.port.x);
+        let beside = outward(aim.side) * (stood.x - aim.port.x);
+        let stands_out = aim.facet(recipe).stands_out(cell.spec(), beside, 0.0);
         let off = outward(aim.side) * (stood.z - aim.port.z);
-        let nearer = far + stands_out.max(0.0) - off;
+        let nearer = far + stands_out - off;
         let back = here.shifted(0.0, 0.0, -nearer.max(0.0));
         cell.go(aim.side, back).await?;
         if !cell.carries(aim.side) {
@@ -479,8 +539,8 @@ impl Shared<'_> {
 
     /// The last way to the start of a search, upward; there the tip is seen to stand right across.
     async fn to_start(&self, cell: &AlignmentCell<'_>, aim: &Aim, gap: f64) -> Result<(), Halt> {
-        let goal = aim.holder(cell, self.exit(), -self.below(), gap);
-        cell.go(aim.side, goal).await?;
+        let goal = || aim.holder(cell, self.exit(), -self.below(), gap);
+        aim.come_in(cell, self.recipe, goal).await?;
         until_seen(cell, aim, self.fast.straight).await?;
         self.straighten(cell, aim, (gap, 0.0))?;
         Ok(cell.stands(aim.side).await?)
@@ -496,6 +556,7 @@ impl Shared<'_> {
         let here = cell.wanted(aim.side);
         let goal = aim.holder(cell, self.exit(), 0.0, gap);
         let goal = Point::new(goal.x + aside, here.y, goal.z);
+        let goal = aim.off_the_facet(cell, self.recipe, goal);
         if here.distance(goal) > self.fast.straight {
             cell.start_line(aim.side, goal, None)?;
         }
@@ -520,9 +581,19 @@ impl Shared<'_> {
         let below = aim.holder(cell, self.exit(), below, first_look);
         cell.go(aim.side, below.shifted(look.aside, 0.0, 0.0))
             .await?;
-        let start = aim.holder(cell, self.exit(), -look.below, look.gap);
-        cell.go(aim.side, start.shifted(look.aside, 0.0, 0.0))
-            .await?;
+        let start = || {
+            let start = aim.holder(cell, self.exit(), -look.below, look.gap);
+            start.shifted(look.aside, 0.0, 0.0)
+        };
+        // What transmissions may let out aside where joints turn back is to come out where the facet is far.
+        let windup = cell.spec().guard.windup;
+        if aim.too_near(cell, recipe, start(), windup) > 0.0 {
+            let (far, there) = (cell.wanted(aim.side), start());
+            cell.go(aim.side, Point::new(there.x, there.y, far.z))
+                .await?;
+            cell.next_frame().await?;
+        }
+        aim.come_in(cell, recipe, start).await?;
         // What came out aside where joints turned back is seen by now, and who guards the machine knows the tip better at rest.
         until_seen(cell, aim, self.fast.straight).await?;
         self.straighten(cell, aim, (look.gap, look.aside))?;

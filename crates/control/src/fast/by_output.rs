@@ -7,6 +7,7 @@
 
 use super::Shared;
 use super::approach_moves::{Aim, kept_off};
+use super::resting::Resting;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::{ConicalScan, Watch};
 use crate::job::Job;
@@ -94,13 +95,14 @@ impl<'r> Shared<'r> {
         (mut scan, before): (ConicalScan<'r>, f64),
     ) -> Result<(ConicalScan<'r>, u8), Halt> {
         self.wait_near(job, cell, aim, &mut scan, before).await?;
-        let waiting = kept_off(cell, aim, Box::pin(self.bring_other(other, cell))).await?;
+        let mut waiting = kept_off(cell, aim, Box::pin(self.bring_other(other, cell))).await?;
         let power = self.power;
         job.channel = other.channel;
         let mut attempt = 0;
         let waits = Aim::at_fiber(other);
         loop {
-            let attaching = self.attach_by(job, cell, aim, &waiting, attempt > 0);
+            let resting = (&mut waiting, waits);
+            let attaching = self.attach_by(job, cell, aim, resting, attempt > 0);
             let result = kept_off(cell, &waits, Box::pin(attaching)).await;
             let again = attempt < self.fast.retry.unsure as usize
                 && (self.again(&result, attempt) || self.learns_to_ask(cell, &result));
@@ -117,7 +119,7 @@ impl<'r> Shared<'r> {
         job: &mut Job<'_>,
         cell: &AlignmentCell<'_>,
         aim: &Aim,
-        waiting: &ConicalScan<'_>,
+        (waiting, waits): (&mut ConicalScan<'_>, Aim),
         again: bool,
     ) -> Result<(), Halt> {
         let watch = Watch {
@@ -131,7 +133,10 @@ impl<'r> Shared<'r> {
             self.come_to_wait(cell, aim, &mut scan, before).await?;
             before = self.centre_again(job, cell, aim, &mut scan).await?;
         }
-        self.close(job, cell, aim, scan, before).await
+        let radius = self.fast.conical_scan.radius;
+        let mut resting = Resting::new(cell, waiting, (waits, radius));
+        self.close(job, cell, aim, (scan, before), Some(&mut resting))
+            .await
     }
 
     /// The first output's fiber to its peak near the chip, by the light that the input fiber gives where it waits.
@@ -228,6 +233,6 @@ impl<'r> Shared<'r> {
         }
         scan.set_radius(self.fast.conical_scan.radius);
         let before = self.centre_again(job, cell, aim, &mut scan).await?;
-        self.close(job, cell, aim, scan, before).await
+        self.close(job, cell, aim, (scan, before), None).await
     }
 }

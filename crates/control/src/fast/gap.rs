@@ -3,6 +3,7 @@
 use super::Shared;
 use super::approach_moves::Aim;
 use super::centre::hand_over;
+use super::resting::Resting;
 use crate::belief::Across;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
@@ -86,14 +87,15 @@ impl Shared<'_> {
     }
 
     /// From a gap at which there is no doubt to the chip; where vision could never know the gap, the spot's width is
-    /// looked at on the way.
+    /// looked at on the way. Looks at dim light take many seconds each: between them another fiber that its light goes through, `resting` meanwhile, comes
+    /// back to its own peak.
     pub(super) async fn come_close(
         &self,
         job: &mut Job<'_>,
         cell: &AlignmentCell<'_>,
         aim: &Aim,
-        scan: &mut ConicalScan<'_>,
-        before: f64,
+        (scan, before): (&mut ConicalScan<'_>, f64),
+        mut resting: Option<&mut Resting<'_, '_>>,
     ) -> Result<(), Halt> {
         let beam = cell.beam(aim.side, self.recipe);
         let wanted = self.recipe.approach.gap;
@@ -125,6 +127,9 @@ impl Shared<'_> {
             let (before_it, mut stays) = (widths.len(), true);
             for share in looks.wider {
                 let gap = beam.gap_of(*share);
+                if let Some(resting) = resting.as_deref_mut() {
+                    resting.come_back(cell, scan, aim.gap(cell)).await?;
+                }
                 // From one gap to the chip it is not far: the micro's middle lies between both. The macro goes aside far away from the
                 // chip, for near to it a holder that goes aside is believed to come nearer to an inclined facet.
                 // By the time it is there and the background is looked at, the macro stands still.
@@ -134,6 +139,12 @@ impl Shared<'_> {
                 }
                 // Looks are compared by encoders: where the axis turns back its transmission hides a part of the way.
                 if aim.gap(cell) < gap {
+                    // A micro that has crept to the end of its range cannot walk along to there.
+                    if !cell.micro_reaches(aim.side, scan.place(gap)) && gap > afar {
+                        self.approach(cell, aim, scan, before, (afar, 1)).await?;
+                        to_middle(cell, aim, scan, gap).await?;
+                        from = holder();
+                    }
                     self.approach(cell, aim, scan, before, (gap + hides, 0))
                         .await?;
                 }
@@ -148,6 +159,9 @@ impl Shared<'_> {
                     stays = beside(job, cell, aim, scan).await?;
                 }
                 widths.extend(width(cell, aim, scan, looks.share).await?);
+            }
+            if let Some(resting) = resting.as_deref_mut() {
+                resting.come_back(cell, scan, aim.gap(cell)).await?;
             }
             self.come_to(cell, aim, scan, before, here).await?;
             if !one {

@@ -19,6 +19,7 @@ mod laser;
 mod last;
 mod pair;
 mod ratio;
+mod resting;
 mod seen;
 mod single;
 
@@ -33,7 +34,6 @@ use crate::station::{Station, coarse, fine};
 use crate::sweep::{Spot, Swept, first_light};
 use crate::tip_estimator::Tip;
 use crate::tuning::TUNING;
-use crate::upward::Facet;
 use approach_moves::{Aim, calm_down, cock, lines, swings};
 use by_output::Waiting;
 use gap::unhurried;
@@ -45,6 +45,7 @@ use pigtail_hal::spec::{CHANNELS, Channel};
 use pigtail_model::frames::{Displacement, Macro, Point};
 use ratio::Ratios;
 pub use ratio::{Ratio, measure_ratios};
+use resting::Resting;
 use seen::{DarkLevel, Top};
 pub use single::{Aligner, Way};
 
@@ -127,13 +128,6 @@ impl<'r> Shared<'r> {
 
     fn exit(&self) -> f64 {
         self.recipe.ports.exit_angle
-    }
-
-    fn facet(&self, aim: &Aim) -> Facet {
-        Facet {
-            port: aim.port,
-            slope: self.recipe.ports.slope(),
-        }
     }
 
     /// How far below a port a search starts, metres.
@@ -291,7 +285,7 @@ impl<'r> Shared<'r> {
             // Seldom gone, and long: not within every other way.
             return Box::pin(self.by_output(job, cell, aim, (scan, before))).await;
         }
-        self.close(job, cell, aim, scan, before).await
+        self.close(job, cell, aim, (scan, before), None).await
     }
 
     /// The peak at the gap of a search, and the light there, volts at no gap. Where there is no light but something that noise seldom makes of
@@ -398,17 +392,18 @@ impl<'r> Shared<'r> {
                 self.centre(cell, aim, watch, spot).await
             })
             .await?;
-        self.close(job, cell, aim, scan, before).await
+        self.close(job, cell, aim, (scan, before), None).await
     }
 
-    /// From the peak at the gap of a search, where light of `before` volts at no gap was, to an attached fiber.
+    /// From the peak at the gap of a search, where light of `before` volts at no gap was, to an attached fiber. Where that light goes through another
+    /// one, too, that is `resting` at its peak.
     async fn close(
         &mut self,
         job: &mut Job<'_>,
         cell: &AlignmentCell<'_>,
         aim: &Aim,
-        mut scan: ConicalScan<'_>,
-        before: f64,
+        (mut scan, before): (ConicalScan<'_>, f64),
+        resting: Option<&mut Resting<'_, '_>>,
     ) -> Result<(), Halt> {
         let far = aim.gap(cell);
         let before = self.dim(job, cell, aim, &mut scan, before).await?;
@@ -435,7 +430,8 @@ impl<'r> Shared<'r> {
         }
         job.phase(cell, "approach", async |job| {
             self.doubt(job, cell, aim, &mut scan, before).await?;
-            self.come_close(job, cell, aim, &mut scan, before).await
+            self.come_close(job, cell, aim, (&mut scan, before), resting)
+                .await
         })
         .await?;
         job.phase(cell, "final", async |job| {
@@ -476,10 +472,9 @@ impl<'r> Shared<'r> {
         let least = TUNING.search.doubtful * self.fast.significance * scan.noise();
         if level < least.max(TUNING.search.scattered * scattered) {
             // What is no peak may stand far aside, where the inclined facet is nearer.
-            let (first, slope) = (self.fast.doubtful_gap, self.recipe.ports.slope());
+            let (first, facet) = (self.fast.doubtful_gap, aim.facet(self.recipe));
             for gap in [first, 0.5 * first] {
-                let gap = gap + aim.stands_out(cell, slope);
-                let facet = self.facet(aim);
+                let gap = gap + facet.stands_out(cell.spec(), aim.beside(cell), 0.0);
                 let gap = gap.max(aim.gap(cell) - facet.room_aside(cell, aim.side));
                 self.approach(cell, aim, scan, before, (gap, TUNING.search.doubting))
                     .await?;
@@ -511,7 +506,7 @@ impl<'r> Shared<'r> {
         dismissed: usize,
     ) -> Result<Spot, Halt> {
         let threshold = self.fast.significance * watch.noise;
-        let area = (self.facet(aim), look.width, look.spacing);
+        let area = (aim.facet(self.recipe), look.width, look.spacing);
         let side = aim.side;
         let Swept {
             spot,

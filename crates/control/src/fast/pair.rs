@@ -4,6 +4,7 @@
 use super::Shared;
 use super::approach_moves::{Aim, kept_off};
 use super::gap::vision_knows;
+use super::resting::{Resting, to_its_peak};
 use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
 use crate::dynamics::Dynamics;
@@ -180,10 +181,7 @@ impl<'j, 'r, 's> HeldTip<'j, 'r, 's> {
 
     /// To where its peak is by now, and to rest: held tips creep away from it, and the light of both goes with them.
     async fn come_back(&mut self, cell: &AlignmentCell<'_>, radius: f64) -> Result<(), Halt> {
-        self.scan.set_radius(radius);
-        let near = TUNING.circle.centred * self.scan.beam_width(self.gap);
-        self.scan.centre(cell, self.gap, near, "pair", 2).await?;
-        self.scan.rest(cell, self.gap).await
+        to_its_peak(cell, &mut self.scan, radius, self.gap).await
     }
 
     /// How the axes of its micro swing, each by steps of its piezo; `None` where light does not tell that of both.
@@ -241,15 +239,22 @@ impl Shared<'_> {
                 break;
             }
             come_back(cell, &mut tips, radius).await?;
-            for (tip, other) in tips.iter_mut().zip(others) {
+            for side in 0..SIDES {
+                let [first, second] = &mut tips;
+                let (tip, held) = if side == 0 {
+                    (first, second)
+                } else {
+                    (second, first)
+                };
                 if tip.spreads() {
                     continue;
                 }
                 let aim = Aim::at_fiber(tip.job);
                 tip.scan.set_radius(radius);
-                let (job, scan) = (&mut *tip.job, &mut tip.scan);
-                let close = self.come_close(job, cell, &aim, scan, tip.before);
-                kept_off(cell, &other, Box::pin(close)).await?;
+                let (job, scan) = (&mut *tip.job, (&mut tip.scan, tip.before));
+                let mut resting = Resting::new(cell, &mut held.scan, (others[side], radius));
+                let close = self.come_close(job, cell, &aim, scan, Some(&mut resting));
+                kept_off(cell, &others[side], Box::pin(close)).await?;
                 tip.told.extend(tip.job.spread.take());
                 tip.job.spread = Spread::of_one(&tip.told);
                 // The other tip is looked at by light that no circle stirs.

@@ -18,6 +18,8 @@ topic! {
         /// So many times what transmissions may hide across is gone at once, at most, where joints turn back: before the gap that an inclined facet has left
         /// then a way goes straight back.
         turns_back: f64 = 1.5, "1", Choice;
+        /// So often a tip that is too far aside to come in before an inclined facet goes sideways before that.
+        sideways: u32 = 2, "1", Choice;
         /// What is left between a tip that goes upward on a search and where the guard stops it, at least, before it goes back to twice as much: frames of
         /// a camera are late, and a way of some hundred micrometres upward brings it nearer by less meanwhile.
         upward: f64 = 5e-6, "m", Choice;

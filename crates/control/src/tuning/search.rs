@@ -150,6 +150,9 @@ topic! {
         roughly: f64 = 5.0, "1", Choice;
         /// Tips are watched for so many times as long as wanted, at most, and gaps looked at so often, while what they are to tell is not known.
         times: usize = 6, "1", Choice;
+        /// A tip that rests while another one is looked at by the light of both comes back to its peak after so long: machines that warm take it a tenth of
+        /// a micrometre away by then.
+        rests: f64 = 1.0, "s", Choice;
     }
 }
 

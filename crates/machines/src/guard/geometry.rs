@@ -84,10 +84,14 @@ impl Facet {
         self.outward * (z - self.ports[0].z)
     }
 
-    /// Distance along z from the facet where it stands out most within `aside` of `x`, metres.
-    pub(super) fn clearance(&self, x: f64, z: f64, aside: f64) -> f64 {
+    /// Distance along z from the facet where it stands out most within `aside` of `x`, metres, if it may be so much `steeper` than by
+    /// design, metres for a metre.
+    #[inline(always)]
+    pub(super) fn clearance(&self, x: f64, z: f64, aside: f64, steeper: f64) -> f64 {
         let out = (x - self.ports[0].x) * self.stands_out + aside * self.stands_out.abs();
-        self.gap(z) - out
+        // All ports lie in it: it is where it is believed to be at each.
+        let beside = (self.ports.iter()).map(|port| (x - port.x).abs());
+        self.gap(z) - out - (beside.fold(f64::INFINITY, f64::min) + aside) * steeper
     }
 
     /// Distance along z from the port in whose light a tip may stand that is within `aside` of `x`,

@@ -138,6 +138,8 @@ pub(super) struct Keepout {
     /// By what angle a manipulator may stand askew, and by what share a way may be wrong, standard deviations.
     askew: f64,
     scale: f64,
+    /// By how much more than by design each facet may stand out, metres for a metre aside of its port.
+    steeper: [f64; SIDES],
     holder: HolderSpec,
     /// By what deceleration a z-stage can be stopped, metres a second squared.
     brake: f64,
@@ -222,6 +224,9 @@ impl Keepout {
             windup: spec.guard.windup,
             askew: spec.guard.askew,
             scale: spec.guard.scale,
+            steeper: std::array::from_fn(|side| {
+                spec.guard.steeper(geometry.facets[side].stands_out)
+            }),
             holder: spec.holder,
             brake: GuardSpec::BRAKES * spec.z_stage.acceleration,
             brake_across: spec.five_bar.acceleration,
@@ -492,6 +497,7 @@ impl Keepout {
         let now = (x - crossed.before(AT_ONCE)) / AT_ONCE as f64;
         // The one by which the facet comes nearer faster: one that gathers speed is faster than it was on average.
         let nearer = self.geometry.facets[side].stands_out;
+        let nearer = nearer + self.steeper[side].copysign(nearer);
         let speed = self.rate
             * if on_average * nearer > now * nearer {
                 on_average
@@ -600,9 +606,9 @@ impl Keepout {
             } else {
                 // An empty holder is as broad as it is.
                 let at = self.stand(i, 0).tip;
-                let front = facet.gap(at.z) + self.holder.tip;
                 let aside = (at.x - facet.ports[0].x).abs() + 0.5 * self.holder.width;
-                let clearance = front - aside * facet.stands_out.abs() - self.placement;
+                let front = facet.clearance(facet.ports[0].x, at.z, aside, self.steeper[i]);
+                let clearance = front + self.holder.tip - self.placement;
                 (["left holder", "right holder"][i], clearance, 0.0)
             };
             self.clearances[i] = f64::INFINITY;
@@ -656,19 +662,20 @@ impl Keepout {
         probed: Option<f64>,
         beside: f64,
     ) -> Distance {
-        let facet = &self.geometry.facets[tip.side().index()];
+        let i = tip.side().index();
+        let (facet, steeper) = (&self.geometry.facets[i], self.steeper[i]);
         let at = self.nominal(tip, 0);
         let Some(belief) = belief else {
             let aside = self.placement + self.windup;
             return Distance {
-                clearance: facet.clearance(at.x, at.z, aside) - self.placement,
+                clearance: facet.clearance(at.x, at.z, aside, steeper) - self.placement,
                 ahead: 0.0,
                 in_light: false,
             };
         };
         let drift = self.scale * (at.z - belief.stood.z);
         let unsure = GuardSpec::SIGMAS * (belief.z_variance + drift * drift).sqrt();
-        let now = self.stand(tip.side().index(), 0);
+        let now = self.stand(i, 0);
         let (x, hidden) = match probed.zip(belief.x_probed) {
             Some((probed, beside)) => (probed + beside, hidden_by_piezos(now, &belief.holder)),
             None => (at.x + belief.x, self.hidden(now, &belief.holder)),
@@ -682,7 +689,7 @@ impl Keepout {
             Tip::Sensing => None,
         };
         Distance {
-            clearance: in_light.unwrap_or_else(|| facet.clearance(x, z, aside)) - unsure,
+            clearance: in_light.unwrap_or_else(|| facet.clearance(x, z, aside, steeper)) - unsure,
             // What vision saw was the output's: where that is farther ahead than it was then, the motor does not tell how near it is.
             ahead: now.ahead - belief.ahead,
             in_light: in_light.is_some(),
