@@ -74,7 +74,8 @@ pub(crate) struct ServoArguments {
     /// is told better so, else `least-squares`
     #[arg(long, value_enum)]
     method: Option<MethodChoice>,
-    /// Cutoff of the position's filter, hertz; a tenth of the sample rate, at most 100, if not given
+    /// Cutoff of the position's filter, hertz; if not given a tenth of the sample rate, less where the position is noisy, more
+    /// where rows are far apart, at most 100
     #[arg(long, value_name = "HERTZ", value_parser = in_unit(FREQUENCY, "Hz", Sign::Positive))]
     cutoff: Option<f64>,
     /// Order of the filter

@@ -21,6 +21,7 @@ mod linear;
 mod magnitude;
 mod models;
 mod record;
+mod renumbered;
 mod rows;
 mod search;
 
@@ -278,21 +279,42 @@ pub fn identify(record: &Record) -> Result<Identified, Unknown> {
     Ok(found)
 }
 
+/// Why a response is refused, and the relative error that it is told with by what it is refused for, per cent.
+struct Refused {
+    why: Unknown,
+    error: f64,
+}
+
+impl From<Unknown> for Refused {
+    fn from(why: Unknown) -> Self {
+        Self {
+            why,
+            error: f64::INFINITY,
+        }
+    }
+}
+
+/// Relative error of a model, per cent.
+fn error_of(record: &Record, coded: &[f64]) -> f64 {
+    let linear = record.linear(coded);
+    linear.map_or(f64::INFINITY, |(values, _)| record.error(coded, &values))
+}
+
 fn with_points_apart(record: &Record) -> Result<Identified, Unknown> {
     let all = of_all_points(record);
     let apart = record.apart();
     if apart.is_empty() {
-        return all;
+        return all.map_err(|refused| refused.why);
     }
     let Ok(without) = of_all_points(&record.without(&apart)) else {
-        return all;
+        return all.map_err(|refused| refused.why);
     };
     let better = match &all {
         Ok(all) => without.relative_error_percent < ASIDE * all.relative_error_percent,
-        Err(_) => true,
+        Err(refused) => without.relative_error_percent < refused.error,
     };
     if !better {
-        return all;
+        return all.map_err(|refused| refused.why);
     }
     Ok(Identified {
         set_aside: apart.iter().map(|k| record.frequency[*k]).collect(),
@@ -300,9 +322,9 @@ fn with_points_apart(record: &Record) -> Result<Identified, Unknown> {
     })
 }
 
-fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
+fn of_all_points(record: &Record) -> Result<Identified, Refused> {
     if !record.phased {
-        return magnitude::identify(record);
+        return Ok(magnitude::identify(record)?);
     }
     let models = models(record)?;
     let Model {
@@ -314,6 +336,10 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
     let record = &record;
     let modes = record.modes(&coded);
     let of_rows = rows::open(record, &coded)?;
+    let renumbered = renumbered::open(record, &coded).map_err(|(why, share)| Refused {
+        why,
+        error: error_of(record, &coded) * share.sqrt(),
+    })?;
     if modes == MODES {
         alike::few_enough(record, &coded, WORTH)?;
     }
@@ -333,8 +359,8 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
     let left = record.residuals(&coded);
     let opened: Vec<f64> = averaged::open(record, &coded, &values)
         .iter()
-        .zip(&of_rows)
-        .map(|(averaged, rows)| averaged.hypot(*rows))
+        .zip(of_rows.iter().zip(&renumbered))
+        .map(|(averaged, (rows, renumbered))| averaged.hypot(*rows).hypot(*renumbered))
         .collect();
     let (mut parameters, mut unknown) = stated_modes(
         record,

@@ -3,12 +3,16 @@
 use super::equations::Moved;
 use super::{Controller, Place, Record, check};
 
+/// Highest cutoff that is taken by itself, hertz.
+const MOST: f64 = 100.0;
+
 /// How a record is made into equations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settings {
     /// Force or torque of a volt, N/V or N m/V.
     pub force_per_volt: f64,
-    /// Cutoff of the position's filter, hertz; a tenth of the sample rate and at most 100 Hz if none.
+    /// Cutoff of the position's filter, hertz; if none a tenth of the sample rate and at most 100 Hz, lower where the position is noisy and
+    /// higher where it is quiet and rows stand far apart.
     pub cutoff: Option<f64>,
     /// Order of the filter.
     pub order: usize,
@@ -45,7 +49,12 @@ impl Settings {
     }
 
     pub(super) fn cutoff(&self, period: f64) -> f64 {
-        self.cutoff.unwrap_or((0.1 / period).min(100.0))
+        self.cutoff.unwrap_or_else(|| usual(period))
+    }
+
+    /// Whether the filter lets through more than the usual one.
+    pub(super) fn is_fine(&self, period: f64) -> bool {
+        self.cutoff(period) > usual(period)
     }
 
     pub(super) fn factor(&self, period: f64) -> usize {
@@ -54,8 +63,18 @@ impl Settings {
     }
 }
 
+/// The cutoff of rows that stand close, hertz.
+fn usual(period: f64) -> f64 {
+    (0.1 / period).min(MOST)
+}
+
+/// Times the usual cutoff, from the finest on, that are tried: the first lets through nearly all that rows resolve.
+const TRIED: [f64; 7] = [4.5, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125];
+
 /// Settings under which the noise of the position is next to nothing beside the acceleration: noise in what a force
-/// is told by makes an inertia too small. Only where no cutoff was given.
+/// is told by makes an inertia too small. Where rows are so far apart that the usual filter reaches over a good part of a way from turn to turn,
+/// it smears the step of friction over it: the finest that leaves noise that small is taken, below what is usual for rows
+/// that stand close. Only where no cutoff was given.
 pub(super) fn quiet(
     record: &Record,
     set: &Settings,
@@ -63,21 +82,27 @@ pub(super) fn quiet(
 ) -> (Settings, Moved) {
     let period = record.even.period;
     let usual = set.cutoff(period);
-    let mut quiet = *set;
-    let mut moved = Moved::of(record, set);
     if set.cutoff.is_some() || set.decimate.is_some() {
-        return (quiet, moved);
+        return (*set, Moved::of(record, set));
     }
-    for halvings in 0..4 {
-        if halvings > 0 {
-            quiet.cutoff = Some(usual * 0.5_f64.powi(halvings));
-            moved = Moved::of(record, &quiet);
+    let mut quiet = *set;
+    let mut found = None;
+    for (k, times) in TRIED.iter().enumerate() {
+        let cutoff = times * usual;
+        if cutoff > MOST {
+            continue;
         }
-        if check::noise_share(record, &moved, &quiet) < check::QUIET {
+        quiet.cutoff = Some(cutoff);
+        quiet.decimate = (k == 0).then_some(1);
+        let moved = Moved::of(record, &quiet);
+        let share = check::noise_share(record, &moved, &quiet);
+        found = Some(moved);
+        if share < check::QUIET {
             break;
         }
     }
-    if let Some(cutoff) = quiet.cutoff {
+    let moved = found.unwrap_or_else(|| Moved::of(record, &quiet));
+    if let Some(cutoff) = quiet.cutoff.filter(|c| *c < usual) {
         remarks.push(format!(
             "the position is noisy: filtered at {cutoff:.3} Hz instead of {usual:.3} Hz, so that its noise does not \
              count as acceleration"

@@ -2,7 +2,7 @@
 
 use super::{
     Axis, Controller, Equations, Friction, Known, LATE, LEAST, Method, Moved, POSITION, Parameter,
-    Record, SLOW, Settings, Sliding, Unknown, Variant, check, replay,
+    Record, SLOW, Settings, Sliding, Unknown, Variant, check, other, replay,
 };
 use nalgebra::{DMatrix, DVector};
 use pigtail_numerics::regression::{
@@ -63,6 +63,13 @@ pub(super) fn variants(
         let later: Vec<f64> = pairs.map(|(f, l)| f - l).collect();
         let moving = slowest_motion(columns);
         let noise = check::acceleration_noise(moved, set);
+        // Where rows are far apart differences reach over a turn.
+        let speeds = columns.velocity.iter().map(|v| v.abs() > moving);
+        let slides: Vec<bool> = if set.is_fine(record.even.period) {
+            other::moves(columns)
+        } else {
+            speeds.collect()
+        };
         // The same columns without the delay: what it is to be compared with.
         let without = delayed.clone().remove_column(delayed.ncols() - 1);
         let Some(without) = least_squares_alone(&without, &columns.force) else {
@@ -83,7 +90,7 @@ pub(super) fn variants(
                 return solved(method, &part, z.as_ref(), force, whole);
             }
             // Where the axis sticks, force leads motion for another reason than a delay.
-            let slides = |i: usize| columns.velocity[rows.start + i].abs() > moving;
+            let slides = |i: usize| slides[rows.start + i];
             let curve = &columns.curve[rows.clone()];
             let told = filtered.then_some(&told[rows.clone()]);
             let by = (told, set.as_stamped);
