@@ -61,9 +61,6 @@ struct Plane {
     /// Half of `1/w1^2 + 1/w2^2`, and `1/w1^2`.
     halves: f64,
     inverse: f64,
-    /// The source's radius, metres, and by how much more its beam has at most for each metre of the way.
-    source: f64,
-    diverges: f64,
     /// `lambda / pi`, metres, and its inverse.
     wavelength: f64,
     inverse_wavelength: f64,
@@ -78,8 +75,6 @@ impl Plane {
             product: 4.0 * w1 * w2,
             halves: 0.5 * (w1 + w2) / (w1 * w2),
             inverse: 1.0 / w1,
-            source,
-            diverges: wavelength / (PI * source),
             wavelength: wavelength / PI,
             inverse_wavelength: PI / wavelength,
         }
@@ -148,16 +143,6 @@ impl Coupler {
         let (kx, ex) = self.x.log_and_root(at.x, at.z, at.tilt_x);
         let (ky, ey) = self.y.log_and_root(at.y, at.z, at.tilt_y);
         (kx * ky).sqrt() * exp(-(ex + ey))
-    }
-
-    /// What [`Self::beam_radius`] is at most at a distance `z` of zero or more, without its roots, metres: a hypotenuse is no longer
-    /// than both other sides together.
-    #[inline(always)]
-    pub fn widest_beam(&self, z: f64) -> f64 {
-        /// What rounding may make of it.
-        const ROUNDING: f64 = 1e-12;
-        let [x, y] = [self.x, self.y].map(|plane| plane.source + plane.diverges * z);
-        (0.5 + ROUNDING) * (x + y)
     }
 
     /// Radius of the source's beam at distance `z`, the mean of its two planes, metres.

@@ -290,13 +290,10 @@ impl Twin {
 
     /// Whether there is nothing in a command that has to be looked at: no pulse, and no voltage that is no number.
     fn is_plain(command: &Command) -> bool {
-        let (motors, micro) = (command.motors.as_flattened(), command.micro.as_flattened());
-        // What is no number times zero is none, and so is what is infinite. Two sums, which do not wait for each other.
-        let mut none = [0.0; 2];
-        for pair in motors.as_chunks::<2>().0.iter().chain(micro.as_chunks().0) {
-            none = [0, 1].map(|i: usize| none[i] + 0.0 * pair[i].0);
-        }
-        let none = none[0] + none[1];
+        let motors = command.motors.as_flattened().iter();
+        // What is no number times zero is none, and so is what is infinite.
+        let volts = motors.chain(command.micro.as_flattened());
+        let none = volts.fold(0.0, |sum, Volts(volts)| sum + 0.0 * volts);
         none == 0.0 && command.pulses.as_flattened().iter().all(Option::is_none)
     }
 

@@ -249,11 +249,6 @@ impl LightPath {
             let gap = port.gap(tips.sensing).max(0.0);
             let x = port.position.x + gap * port.sin_exit / port.cos_exit;
             let beside = Displacement::new(tips.sensing.x - x, tips.sensing.y - port.position.y);
-            // Mostly it passes far beside, which is seen without a root.
-            let reach = self.core_radius + 3.0 * self.coupler.widest_beam(gap);
-            if beside.x * beside.x + beside.y * beside.y > reach * reach {
-                continue;
-            }
             let offset = beside.norm();
             let beam = self.coupler.beam_radius(gap);
             if offset < self.core_radius + 3.0 * beam {
