@@ -121,7 +121,7 @@ impl GroupCaps {
         // Without a short cut: most laws have many places, and all of them are reached.
         let within = |(axis, value): (&Option<AxisCaps>, f64)| {
             let (low, high) = accepted(axis.as_ref());
-            (low <= value) & (value <= high) & value.is_finite()
+            (low..=high).contains(&value) & value.is_finite()
         };
         let each = self.axes.iter().zip(to.0);
         if each.fold(true, |well, of| well & within(of)) {

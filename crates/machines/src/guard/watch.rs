@@ -2,8 +2,7 @@
 
 #![expect(
     clippy::inline_always,
-    clippy::needless_bitwise_bool,
-    reason = "what is not inlined does not get the instructions of its caller, and a short cut is a branch"
+    reason = "what is not inlined does not get the instructions of its caller"
 )]
 
 use super::Broken;
