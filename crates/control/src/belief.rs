@@ -2,7 +2,7 @@
 
 use crate::outcome::Outcome;
 use crate::tuning::TUNING;
-use pigtail_numerics::bisection::onset;
+use pigtail_numerics::bisection::zero;
 use pigtail_numerics::statistics::outside;
 
 /// How well it is known where a fiber is beside its peak, along x and along y: a guide's mode is wider in x than in y, so that
@@ -215,10 +215,9 @@ impl Place {
 fn half_width(share: f64, bound: f64, sigma: f64) -> f64 {
     /// Standard deviations beyond the bound that hold all shares that anyone asks for.
     const FAR: f64 = 9.0;
-    /// Halvings: to a billionth.
-    const HALVINGS: u32 = 40;
-    let (_, holds) = onset((0.0, bound + FAR * sigma), HALVINGS, |half| {
-        1.0 - outside(half, 0.0, bound, sigma) >= share
-    });
-    holds
+    /// How well it is known, as a share of that.
+    const ACCURATE: f64 = 1e-12;
+    let far = bound + FAR * sigma;
+    let missing = |half: f64| outside(half, 0.0, bound, sigma) - (1.0 - share);
+    zero((0.0, share), (far, share - 1.0), ACCURATE * far, missing)
 }

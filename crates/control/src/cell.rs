@@ -100,14 +100,23 @@ impl Listener for AlignmentCell<'_> {
         let Event::Frame(frame) = event else {
             return;
         };
-        self.tips.borrow_mut().see(frame, |side, time| {
+        let micro_at = |side, time| {
+            let at = bench.pose(fine(side), time)?.pose;
+            Some(Displacement::new(at.x(), at.y()))
+        };
+        let held = |side, time| {
             let at = bench.pose(coarse(side), time)?.pose;
-            let micro = bench.pose(fine(side), time)?.pose;
             let holder = Point::new(at.x(), at.y(), at.z());
-            let tip = holder.moved(Displacement::new(micro.x(), micro.y()));
+            let tip = holder.moved(micro_at(side, time)?);
             let [holder, tip] = [holder, tip].map(|at| self.frame(side).chip_from_macro(at));
             Some(Held { holder, tip })
-        });
+        };
+        let aside = |side, time| {
+            let Displacement { x, y } = micro_at(side, time)?;
+            let [aside, ..] = self.frame(side).chip_direction(x, y, 0.0);
+            Some(aside)
+        };
+        self.tips.borrow_mut().see(frame, held, aside);
     }
 }
 

@@ -222,6 +222,23 @@ impl<'b> Reactor<'b> {
         }
     }
 
+    /// The same; only what is wanted `of` the event, which is not handed out itself.
+    ///
+    /// # Errors
+    ///
+    /// The bench's fault.
+    pub async fn next_as<T>(&self, by: f64, mut of: impl FnMut(&Event) -> T) -> Result<T, Fault> {
+        let mut next = self.next(by);
+        poll_fn(move |_| {
+            if !next.has_come() {
+                return Poll::Pending;
+            }
+            let last = self.last.borrow();
+            Poll::Ready(last.as_ref().map(&mut of).map_err(Clone::clone))
+        })
+        .await
+    }
+
     /// Lets a line run to its end.
     pub fn run<T>(&self, line: impl Future<Output = T>) -> T {
         self.run_heard(line, &(), &mut |_| Go::On)
@@ -314,10 +331,9 @@ pub struct Next<'r, 'b> {
     by: f64,
 }
 
-impl Future for Next<'_, '_> {
-    type Output = Result<Event, Fault>;
-
-    fn poll(mut self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Self::Output> {
+impl Next<'_, '_> {
+    /// Whether it is there; else it is waited for.
+    fn has_come(&mut self) -> bool {
         let reactor = self.reactor;
         if reactor.count.get() > self.since {
             self.since = reactor.count.get();
@@ -325,11 +341,23 @@ impl Future for Next<'_, '_> {
             let mine = !matches!(&*reactor.last.borrow(), Ok(Event::Time))
                 || self.by <= reactor.asked.get();
             if mine {
-                return Poll::Ready(reactor.last.borrow().clone());
+                return true;
             }
         }
         reactor.by.set(reactor.by.get().min(self.by));
-        Poll::Pending
+        false
+    }
+}
+
+impl Future for Next<'_, '_> {
+    type Output = Result<Event, Fault>;
+
+    fn poll(mut self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Self::Output> {
+        if self.has_come() {
+            Poll::Ready(self.reactor.last.borrow().clone())
+        } else {
+            Poll::Pending
+        }
     }
 }
 

@@ -4,11 +4,14 @@
 //! a photodiode does in the dark, sample by sample; and where the tip is held beside the peak, so do its means.
 
 mod believed;
+mod looks;
 
 pub use believed::Believed;
 
 use crate::belief::Across;
 use crate::tuning::TUNING;
+use looks::{Looks, noises};
+use pigtail_model::instructions::Instructions;
 
 /// What is known of a tip before it is seen and where nobody has measured it.
 const USUAL: Measured = Measured {
@@ -17,11 +20,6 @@ const USUAL: Measured = Measured {
     left: 1.0,
     left_spread: 0.0,
 };
-
-/// Deviations that are looked at, metres, and how many of them.
-const LEAST_LOOKED: f64 = 0.3e-9;
-const MOST_LOOKED: f64 = 150e-9;
-const LOOKED: u32 = 128;
 
 /// How far a tip that is held is from where it is held, along an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,12 +70,6 @@ impl Measured {
             (left * (left_spread * z).exp(), share)
         })
     }
-
-    /// Density over the logarithm of a deviation.
-    fn density(&self, deviation: f64) -> f64 {
-        let z = (deviation / self.deviation).ln() / self.spread;
-        (-0.5 * z * z).exp() / self.spread
-    }
 }
 
 /// Turns on a circle: how often, and by how much, the tip's place has scattered with the photodiode's noise.
@@ -101,16 +93,6 @@ impl Turns {
     /// Variance of the tip alone, square metres; it may come out a little below zero.
     fn beyond(&self) -> f64 {
         (self.squares - self.still) / self.degrees
-    }
-
-    /// Logarithm of how likely they are for a tip of a variance, and a photodiode of which the noise's variance is so
-    /// many times what it was seen to be.
-    fn likelihood(&self, variance: f64, noisier: f64) -> f64 {
-        if self.degrees == 0.0 {
-            return 0.0;
-        }
-        let expected = variance + noisier * self.still / self.degrees;
-        -0.5 * (self.degrees * expected.ln() + self.squares / expected)
     }
 }
 
@@ -351,33 +333,15 @@ impl Shaking {
 
     /// What is believed of the tip after what was seen.
     pub fn believed(&self) -> Believed {
-        let (wide, small, rings) = (self.wide, self.small, self.rings());
-        let noises = noises(self.still_degrees);
         // Whoever has seen nothing of a tip cannot say that it still is as it was.
-        let before = |deviation: f64| match self.measured.filter(|_| self.is_known()) {
-            None => USUAL.density(deviation),
-            Some(measured) => {
-                (1.0 - TUNING.shaking.changed) * measured.density(deviation)
-                    + TUNING.shaking.changed * USUAL.density(deviation)
-            }
-        };
-        let each = (0..=LOOKED).map(|step| {
-            let share = f64::from(step) / f64::from(LOOKED);
-            let deviation = LEAST_LOOKED * (MOST_LOOKED / LEAST_LOOKED).powf(share);
-            let variance = deviation * deviation;
-            let of = |turns: &Turns, noisier| turns.likelihood(variance, noisier);
-            // A photodiode that happened to look noisier than it is makes a tip look the stiller.
-            let turns = logarithm_of_mean(&noises, |noisier| {
-                of(&small, noisier) + if rings { 0.0 } else { of(&wide, noisier) }
-            });
-            (variance, turns + before(deviation).ln())
+        let measured = self.measured.filter(|_| self.is_known());
+        let mut probable = Instructions::run_work(Looks {
+            small: self.small,
+            // One that rang on the wide circle no longer does.
+            wide: (!self.rings()).then_some(self.wide),
+            noises: noises(self.still_degrees),
+            measured,
         });
-        let each: Vec<_> = each.collect();
-        let most = each
-            .iter()
-            .map(|(_, l)| *l)
-            .fold(f64::NEG_INFINITY, f64::max);
-        let mut probable: Vec<_> = each.iter().map(|(v, l)| (*v, (l - most).exp())).collect();
         let sum: f64 = probable.iter().map(|(_, share)| share).sum();
         for (_, share) in &mut probable {
             *share /= sum;
@@ -442,35 +406,6 @@ impl Shaking {
 fn shrunk(seen: f64, degrees: f64, foreseen: f64) -> f64 {
     let worth = TUNING.shaking.worth_slow;
     (seen * degrees + foreseen * worth) / (degrees + worth)
-}
-
-/// How many times the noise's variance that it was seen to be by so many degrees of freedom it may be, and how likely
-/// each is.
-fn noises(degrees: f64) -> [(f64, f64); NOISES] {
-    let spread = (2.0 / degrees).sqrt();
-    std::array::from_fn(|step| {
-        let z = (step as f64 - 0.5 * (NOISES - 1) as f64) / STEPS;
-        ((spread * z).exp(), (-0.5 * z * z).exp())
-    })
-}
-
-/// Steps for each standard deviation that are looked at, of three on either side.
-const STEPS: f64 = 2.0;
-const NOISES: usize = 13;
-
-/// Logarithm of the mean of likelihoods that are given as logarithms, over what the noise may be.
-fn logarithm_of_mean(noises: &[(f64, f64); NOISES], likelihood: impl Fn(f64) -> f64) -> f64 {
-    let (mut each, mut most) = ([0.0; NOISES], f64::NEG_INFINITY);
-    for (l, (noisier, _)) in each.iter_mut().zip(noises) {
-        *l = likelihood(*noisier);
-        most = most.max(*l);
-    }
-    let (mut sum, mut weights) = (0.0, 0.0);
-    for (l, (_, weight)) in each.iter().zip(noises) {
-        sum += weight * (l - most).exp();
-        weights += weight;
-    }
-    most + (sum / weights).ln()
 }
 
 #[cfg(test)]

@@ -171,8 +171,14 @@ impl TipEstimator {
         self.since[side.index()] = time;
     }
 
-    /// Takes in a frame; `held` says where the holder of a side was told to be at a time, and where its tip, which its micro moves.
-    pub(crate) fn see(&mut self, frame: &Frame, held: impl Fn(Side, f64) -> Option<Held>) {
+    /// Takes in a frame; `held` says where the holder of a side was told to be at a time, and where its tip, which its micro moves;
+    /// `aside`, how far along the chip's x that was told to move it, metres.
+    pub(crate) fn see(
+        &mut self,
+        frame: &Frame,
+        held: impl Fn(Side, f64) -> Option<Held>,
+        aside: impl Fn(Side, f64) -> Option<f64>,
+    ) {
         for side in Side::ALL {
             let i = side.index();
             let (Some(now), Some(before)) = (
@@ -189,7 +195,7 @@ impl TipEstimator {
                 time: frame.time,
                 beside: fix.x - at.x,
                 noise: fix.sigma.powi(2),
-                span: span(now, |since| held(side, frame.time + since)),
+                span: span(|since| aside(side, frame.time + since)),
                 holder: now.holder,
             };
             for fix in frame.fixes.iter().filter(|fix| fix.arm == i) {
@@ -261,17 +267,15 @@ impl TipEstimator {
 }
 
 /// How far a micro is told to go about the time of a frame, metres, as much as the camera may be earlier or later than it says.
-fn span(now: Held, held: impl Fn(f64) -> Option<Held>) -> f64 {
+fn span(aside: impl Fn(f64) -> Option<f64>) -> f64 {
     /// Looks to either side.
     const LOOKS: i32 = 6;
+    let now = aside(0.0).unwrap_or_default();
     let looks = (-LOOKS..=LOOKS).filter_map(|k| {
         let share = f64::from(k) / f64::from(LOOKS);
-        held(share * TUNING.ring_down.exposed)
+        aside(share * TUNING.ring_down.exposed)
     });
-    let micro = |held: Held| held.tip.x - held.holder.x;
-    looks
-        .map(|then| (micro(then) - micro(now)).abs())
-        .fold(0.0, f64::max)
+    looks.map(|then| (then - now).abs()).fold(0.0, f64::max)
 }
 
 /// What who guards the machine makes of a fix more of a tip that would stand `at` a place by its holder alone; `lag` is the variance in z that comes of

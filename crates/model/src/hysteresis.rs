@@ -24,6 +24,7 @@
 )]
 
 use crate::Invalid;
+use std::sync::LazyLock;
 
 /// Number of play operators of a [`Hysteresis`]: so many that a loop looks smooth.
 pub const PLAYS: usize = 64;
@@ -36,6 +37,13 @@ const RELAXATIONS: usize = 6;
 
 /// Time constant of the fastest relaxation, seconds.
 const FASTEST: f64 = 0.1;
+
+/// `r_i`. Slacks beyond half the range never move; those near zero matter most just after a turn, so they lie closer there.
+static SLACK: LazyLock<[f64; PLAYS]> =
+    LazyLock::new(|| std::array::from_fn(|i| ((i as f64 + 0.5) / PLAYS as f64).powf(1.2)));
+
+/// What of the plays' density does not depend on their spread: how far apart slacks lie.
+static COMMON: LazyLock<[f64; PLAYS]> = LazyLock::new(|| SLACK.map(|r| r.powf(1.0 / 6.0)));
 
 /// How a piezo's displacement follows its voltage, both as shares of half their range: -1 to +1.
 #[derive(Debug, Clone, PartialEq)]
@@ -135,11 +143,9 @@ impl Hysteresis {
         if !(0.0..=0.1).contains(&saturation) {
             return Err(Invalid::new("saturation", saturation, "0 to 0.1"));
         }
-        // Slacks beyond half the range never move; those near zero matter most just after a
-        // turn, so they lie closer there.
-        let slack: [f64; PLAYS] =
-            std::array::from_fn(|i| ((i as f64 + 0.5) / PLAYS as f64).powf(1.2));
-        let density = slack.map(|r| (-(r / spread).powi(2)).exp() * r.powf(1.0 / 6.0));
+        let slack = *SLACK;
+        let density: [f64; PLAYS] =
+            std::array::from_fn(|i| (-(slack[i] / spread).powi(2)).exp() * COMMON[i]);
         let total: f64 = density.iter().sum();
         let with = |share: f64| Self {
             slack,
@@ -149,14 +155,15 @@ impl Hysteresis {
             saturation,
             scale: 1.0,
         };
-        // Where the plays are over a cycle at full stroke does not depend on their share: they are taken along once.
-        let strokes = with(0.0).full_stroke();
+        // Where the plays are over a cycle at full stroke does not depend on their share, and what they add up to grows with it.
+        let alone = with(1.0);
+        let strokes = alone.full_stroke();
         // The opening grows with the share of the plays, nearly in proportion.
         let (mut last, mut range) = ((0.0, 0.0), 2.0);
         let mut guess = 2.0 * opening;
         for _ in 0..6 {
             let now;
-            (now, range) = with(guess).opening(&strokes);
+            (now, range) = alone.opening(&strokes, guess);
             let slope = (now - last.1) / (guess - last.0);
             last = (guess, now);
             if (now - opening).abs() < 1e-6 || slope == 0.0 || !slope.is_finite() {
@@ -170,37 +177,58 @@ impl Hysteresis {
         Ok((hysteresis, reached))
     }
 
-    /// Where the plays are at the top of a cycle at full stroke, at each step back from there, and at each forward again.
-    fn full_stroke(&self) -> Vec<[f64; PLAYS]> {
-        let mut state = HysteresisState::default();
-        let mut at = |input: f64| {
-            self.advance(&mut state, input);
-            state.plays
-        };
-        let inputs = std::iter::once(1.0).chain(back()).chain(forward());
-        inputs.map(&mut at).collect()
+    /// Over a cycle at full stroke from rest: `v`, and what the plays add up to, at the top, at each step back from there, and at
+    /// each forward again.
+    fn full_stroke(&self) -> Vec<[f64; 2]> {
+        let mut plays = [0.0; PLAYS];
+        let mut strokes = Vec::with_capacity(1 + 2 * (1 + STROKE as usize));
+        self.take_along(&mut plays, 1.0, std::iter::once(1.0), &mut strokes);
+        self.take_along(&mut plays, -1.0, back(), &mut strokes);
+        self.take_along(&mut plays, 1.0, forward(), &mut strokes);
+        strokes
     }
 
-    /// Largest opening as a share of the range, and the range, over a cycle at full stroke.
-    fn opening(&self, strokes: &[[f64; PLAYS]]) -> (f64, f64) {
-        let output = |(input, plays): (f64, &[f64; PLAYS])| {
-            let mut sums = [0.0; PLAYS / BLOCK];
-            let blocks = plays.as_chunks::<BLOCK>().0.iter();
-            for ((sum, plays), weights) in sums.iter_mut().zip(blocks).zip(self.blocks()) {
-                *sum = added(weights, plays);
+    /// One way on (1) or back (-1): behind a play that is not taken along none is, and what is behind the voltage by its slack adds
+    /// up in closed form.
+    fn take_along(
+        &self,
+        plays: &mut [f64; PLAYS],
+        way: f64,
+        inputs: impl Iterator<Item = f64>,
+        strokes: &mut Vec<[f64; 2]>,
+    ) {
+        let (mut taken, mut v) = (0, 0.0);
+        // Weights of those that are taken along, what these make of their slacks, and what the others add up to.
+        let (mut weight, mut behind) = (0.0, 0.0);
+        let mut others: f64 = self.weights.iter().zip(&*plays).map(|(w, p)| w * p).sum();
+        for input in inputs {
+            v = input + self.skew * input * input;
+            while taken < PLAYS && way * (v - plays[taken]) > self.slack[taken] {
+                let w = self.weights[taken];
+                weight += w;
+                behind += w * self.slack[taken];
+                others -= w * plays[taken];
+                taken += 1;
             }
-            self.output(input + self.skew * input * input, &sums)
-        };
+            strokes.push([v, weight * v - way * behind + others]);
+        }
+        for (play, slack) in plays.iter_mut().zip(&self.slack).take(taken) {
+            *play = v - way * slack;
+        }
+    }
+
+    /// Largest opening as a share of the range, and the range, over a cycle at full stroke of which these are the steps, of a piezo
+    /// whose plays weigh so many times as much as in these.
+    fn opening(&self, strokes: &[[f64; 2]], times: f64) -> (f64, f64) {
+        let direct = 1.0 - times * (1.0 - self.direct);
+        let output = |[v, plays]: &[f64; 2]| self.saturated(direct * v + times * plays);
         let (back_from, forward_from) = (1, 2 + STROKE as usize);
-        let high = output((1.0, &strokes[0]));
-        let back = back().zip(&strokes[back_from..forward_from]).map(output);
-        let forward = forward().zip(&strokes[forward_from..]).map(output);
-        let (back, forward): (Vec<_>, Vec<_>) = (back.collect(), forward.collect());
-        let range = high - forward[0];
+        let (back, forward) = (&strokes[back_from..forward_from], &strokes[forward_from..]);
+        let range = output(&strokes[0]) - output(&forward[0]);
         let widest = back
             .iter()
             .zip(forward.iter().rev())
-            .fold(0.0_f64, |widest, (b, f)| widest.max(b - f));
+            .fold(0.0_f64, |widest, (b, f)| widest.max(output(b) - output(f)));
         (widest / range, range)
     }
 
@@ -289,7 +317,12 @@ impl Hysteresis {
                 *sum += part;
             }
         }
-        let y = self.direct * v + (sums[0] + sums[1]) + (sums[2] + sums[3]);
+        self.saturated(self.direct * v + (sums[0] + sums[1]) + (sums[2] + sums[3]))
+    }
+
+    /// `x` from `y`.
+    #[inline(always)]
+    fn saturated(&self, y: f64) -> f64 {
         self.scale * (y - self.saturation * y * y * y)
     }
 }
@@ -394,9 +427,21 @@ mod tests {
                 ..PARAMETERS
             })
             .unwrap();
-            let (reached, range) = model.opening(&model.full_stroke());
+            let (reached, range) = model.opening(&model.full_stroke(), 1.0);
             assert!((reached - opening).abs() < 1e-5, "{reached} for {opening}");
             assert!((range - 2.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_full_stroke_takes_plays_along_as_step_by_step() {
+        let model = Hysteresis::new(&PARAMETERS).unwrap();
+        let mut state = HysteresisState::default();
+        let inputs = std::iter::once(1.0).chain(back()).chain(forward());
+        for (input, [v, plays]) in inputs.zip(model.full_stroke()) {
+            model.advance(&mut state, input);
+            let sum: f64 = state.sums.iter().sum();
+            assert!((plays - sum).abs() < 1e-14, "{plays} {sum} at {v}");
         }
     }
 
@@ -413,7 +458,7 @@ mod tests {
             let mut before = state;
             let wider = model.with_plays(times, &mut state);
             assert_eq!(before.plays, state.plays);
-            let (reached, range) = wider.opening(&wider.full_stroke());
+            let (reached, range) = wider.opening(&wider.full_stroke(), 1.0);
             let expected = times * (1.0 - m) / (1.0 - times * m) * PARAMETERS.opening;
             assert!(
                 (reached / expected - 1.0).abs() < 0.02,

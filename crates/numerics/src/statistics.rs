@@ -295,7 +295,12 @@ fn at_most(hits: u64, trials: u64, p: f64) -> f64 {
 pub fn outside(tolerance: f64, off: f64, bound: f64, sigma: f64) -> f64 {
     /// A deviation or bound of less than this share of the tolerance changes nothing.
     const NONE: f64 = 1e-9;
+    /// Beyond so many deviations less than 1e-18 is left, which is none.
+    const FAR: f64 = 9.0;
     let (bound, sigma) = (bound.max(NONE * tolerance), sigma.max(NONE * tolerance));
+    if tolerance - off.abs() - bound > FAR * sigma {
+        return 0.0;
+    }
     let tail = |a: f64| 0.5 * libm::erfc(a * FRAC_1_SQRT_2);
     let density = |a: f64| (-0.5 * a * a).exp() / TAU.sqrt();
     // The tail's integral from `a` on.

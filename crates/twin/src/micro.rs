@@ -97,27 +97,30 @@ impl Flexure {
         }
     }
 
-    /// Standard deviation that white noise of one, a new value each cycle, brings an axis to in time: the root of
-    /// the sum of squares of its response to a single cycle.
-    fn of_white_noise(&self, axis: usize) -> f64 {
+    /// Standard deviations that white noise of one, a new value each cycle, brings the axes to in time: the roots of
+    /// the sums of squares of their responses to a single cycle.
+    fn of_white_noise(&self) -> [f64; MICRO_AXES] {
         let mut swing = Swing::default();
-        let mut sum = 0.0;
-        let mut largest = 0.0_f64;
-        let mut quiet = 0;
-        let pushed = Each::of(|lane| if lane == axis { 1.0 } else { 0.0 });
-        self.advance(&mut swing, pushed);
+        let mut responses = [(0.0, 0.0_f64, 0); MICRO_AXES];
+        self.advance(&mut swing, Each([1.0; MOVED]));
         // Until a while of nothing but the last of the tail: what rings passes through zero on its way.
         for _ in 0..LONGEST {
-            if quiet == QUIET {
+            let at = self.positions(&swing);
+            for (axis, (sum, largest, quiet)) in responses.iter_mut().enumerate() {
+                if *quiet == QUIET {
+                    continue;
+                }
+                let at = at[axis].abs();
+                *largest = largest.max(at);
+                *quiet = if at > GONE * *largest { 0 } else { *quiet + 1 };
+                *sum += at * at;
+            }
+            if responses.iter().all(|(.., quiet)| *quiet == QUIET) {
                 break;
             }
-            let at = self.positions(&swing)[axis].abs();
-            largest = largest.max(at);
-            quiet = if at > GONE * largest { 0 } else { quiet + 1 };
-            sum += at * at;
             self.advance(&mut swing, Each([0.0; MOVED]));
         }
-        sum.sqrt()
+        responses.map(|(sum, ..)| f64::sqrt(sum))
     }
 }
 
@@ -182,7 +185,9 @@ impl Micro {
         let gain = [[p, m.coupling * q], [m.coupling * p, q]];
         Ok(Self {
             piezos,
-            kick: [0, 1].map(|axis| m.noise / flexure.of_white_noise(axis)),
+            kick: flexure
+                .of_white_noise()
+                .map(|deviation| m.noise / deviation),
             flexure,
             swing: Swing::default(),
             gain,
@@ -281,7 +286,7 @@ mod tests {
     /// Standard deviation of a flexure under white noise that is to bring it to one, and how alike two moments are a
     /// millisecond apart.
     fn shaken(flexure: &Flexure, period: f64) -> (f64, f64) {
-        let kick = flexure.of_white_noise(0).recip();
+        let kick = flexure.of_white_noise()[0].recip();
         let mut rng = rand_pcg::Pcg64Mcg::new(1);
         let mut swing = Swing::default();
         let at: Vec<f64> = (0..400_000)

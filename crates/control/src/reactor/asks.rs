@@ -19,7 +19,7 @@ impl Reactor<'_> {
     /// The bench's fault.
     pub async fn wait(&self, seconds: f64) -> Result<(), Fault> {
         let end = self.now() + seconds;
-        while self.next(end).await? != (Event::Time {}) {}
+        while !(self.next_as(end, |event| *event == Event::Time).await?) {}
         Ok(())
     }
 
@@ -34,14 +34,18 @@ impl Reactor<'_> {
     ///
     /// The bench's fault.
     pub async fn sample(&self, meter: usize, by: f64) -> Result<Option<(f64, f64)>, Fault> {
-        let Event::Light(Light { time, volts }) = self.next(by).await? else {
-            return Ok(None);
+        let seen = |event: &Event| {
+            let Event::Light(Light { time, volts }) = event else {
+                return None;
+            };
+            let volts = volts.get(meter).copied().filter(|volts| !volts.is_nan());
+            volts.map(|volts| (*time, volts))
         };
-        let volts = volts.get(meter).copied().filter(|volts| !volts.is_nan());
-        Ok(volts.map(|volts| {
+        let seen = self.next_as(by, seen).await?;
+        if let Some((time, _)) = seen {
             self.note_reading(time);
-            (time, volts)
-        }))
+        }
+        Ok(seen)
     }
 
     /// Has a group play a law; why the bench does not is how a fiber's alignment ends.
@@ -136,7 +140,7 @@ impl Reactor<'_> {
     /// The bench's fault.
     pub async fn played(&self, group: Group) -> Result<(), Fault> {
         while self.moving(group) {
-            self.next(f64::INFINITY).await?;
+            self.next_as(f64::INFINITY, |_| ()).await?;
         }
         Ok(())
     }
@@ -148,8 +152,15 @@ impl Reactor<'_> {
     /// The bench's fault; [`Outcome::BenchFailed`] where one fails, or is not done within `longest` seconds.
     pub async fn done(&self, mut tickets: Vec<Ticket>, longest: f64) -> Result<(), Halt> {
         let end = self.now() + longest;
+        let told = |event: &Event| match event {
+            Event::Done(_) | Event::Failed(..) | Event::Time => Some(event.clone()),
+            _ => None,
+        };
         while !tickets.is_empty() {
-            match self.next(end).await? {
+            let Some(event) = self.next_as(end, told).await? else {
+                continue;
+            };
+            match event {
                 Event::Done(done) => tickets.retain(|ticket| *ticket != done),
                 Event::Failed(failed, why) if tickets.contains(&failed) => {
                     return Err(Outcome::BenchFailed { why }.into());

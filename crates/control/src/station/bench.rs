@@ -165,18 +165,19 @@ impl Station<'_> {
                 Err(refuse(self, "it plays lines only".to_owned()))
             }
             ((side, Stage::Fine), law) => {
-                let places: Vec<Pose> = match &law {
-                    Law::Line { to, .. } => vec![*to],
-                    Law::Scan(knots) => knots.iter().map(|knot| knot.at).collect(),
+                let beyond = |at: &Pose| !self.reaches(group, at);
+                let beyond = match &law {
+                    Law::Line { to, .. } => Some(*to).filter(beyond),
+                    Law::Scan(knots) => knots.iter().map(|knot| knot.at).find(beyond),
                     Law::Dither(law) => {
                         let [x, y] = law.centre.to;
                         let lead = law.lead.map(|lead| lead.by(&self.leader(law)));
                         let [by_x, by_y] = lead.unwrap_or_default();
-                        vec![Pose::at(x + by_x, y + by_y, 0.0)]
+                        Some(Pose::at(x + by_x, y + by_y, 0.0)).filter(beyond)
                     }
-                    Law::Brake => Vec::new(),
+                    Law::Brake => None,
                 };
-                if let Some(at) = places.iter().find(|at| !self.reaches(group, at)) {
+                if let Some(at) = beyond {
                     let [x, y] = [at.x(), at.y()].map(|v| 1e6 * v);
                     let why = format!("its piezos do not reach {x:.3}, {y:.3} um together");
                     return Err(refuse(self, why));

@@ -383,65 +383,74 @@ const SWINGS: usize = 8;
 /// ...within this time are no work that anyone gives a piezo, seconds.
 const WITHIN: f64 = 0.035;
 
+/// All piezos.
+const PIEZOS: usize = SIDES * MICRO_AXES;
+
 /// Piezos that swing to and fro: a loop around them has run away.
 #[derive(Debug, Clone)]
 pub(super) struct Piezos {
     swing: f64,
     within: u64,
     cycle: u64,
-    each: [[Swings; MICRO_AXES]; SIDES],
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Swings {
-    /// Where the present swing began and how far it has gone, volts.
-    from: f64,
-    to: f64,
-    /// The cycles of the last ones, the oldest first.
-    ends: [u64; SWINGS],
+    /// Where the present swing of each began and how far it has gone, volts.
+    from: Each<PIEZOS>,
+    to: Each<PIEZOS>,
+    /// The cycles of its last ones, the oldest first.
+    ends: [[u64; SWINGS]; PIEZOS],
 }
 
 impl Piezos {
     pub(super) fn new(spec: &Spec) -> Self {
-        let middle = 0.5 * spec.micro.voltage;
+        let middle = Each([0.5 * spec.micro.voltage; PIEZOS]);
         Self {
             swing: SWING * spec.micro.voltage,
             within: (WITHIN * spec.servo.rate) as u64,
             // So that no swing of the beginning was within any time.
             cycle: 1 << 32,
-            each: [[Swings {
-                from: middle,
-                to: middle,
-                ends: [0; SWINGS],
-            }; MICRO_AXES]; SIDES],
+            from: middle,
+            to: middle,
+            ends: [[0; SWINGS]; PIEZOS],
         }
     }
 
+    #[inline(always)]
     pub(super) fn check(&mut self, volts: &[[Volts; MICRO_AXES]; SIDES]) -> Result<(), Broken> {
         self.cycle += 1;
-        for side in Side::ALL {
-            for (i, Volts(volts)) in volts[side.index()].into_iter().enumerate() {
-                let s = &mut self.each[side.index()][i];
-                let forward = s.to >= s.from;
-                if (volts >= s.to) == forward {
-                    s.to = volts;
-                    continue;
-                }
-                if (volts - s.to).abs() < self.swing {
-                    continue;
-                }
-                // It has turned round.
-                (s.from, s.to) = (s.to, volts);
-                s.ends.rotate_left(1);
-                s.ends[SWINGS - 1] = self.cycle;
-                if self.cycle - s.ends[0] <= self.within {
-                    return Err(Broken::new(
-                        Rule::PiezoRunaway,
-                        format!("{}.micro{}", side.name(), i + 1),
-                        format!("{SWINGS} swings within {:.0} ms", WITHIN * 1e3),
-                        format!("fewer, of {:.1} V or more", self.swing),
-                    ));
-                }
+        let [[Volts(p), Volts(q)], [Volts(r), Volts(s)]] = *volts;
+        let (told, to) = (Each([p, q, r, s]), self.to);
+        let away = (told - to).abs();
+        let goes_on = |k: usize| (told[k] >= to[k]) == (to[k] >= self.from[k]);
+        let small = |k: usize| away[k] < self.swing;
+        // Without a short cut: all of them at once.
+        let none_turned = (0..PIEZOS).fold(true, |none, k| none & (goes_on(k) | small(k)));
+        self.to = told.select(to, goes_on);
+        if none_turned {
+            return Ok(());
+        }
+        let turned: [bool; PIEZOS] = std::array::from_fn(|k| !goes_on(k) && !small(k));
+        self.turn_round(turned, (to, told))
+    }
+
+    /// Some have turned round, that had gone `to` a voltage and are told another.
+    #[cold]
+    fn turn_round(
+        &mut self,
+        turned: [bool; PIEZOS],
+        (to, told): (Each<PIEZOS>, Each<PIEZOS>),
+    ) -> Result<(), Broken> {
+        for k in (0..PIEZOS).filter(|k| turned[*k]) {
+            (self.from[k], self.to[k]) = (to[k], told[k]);
+            let ends = &mut self.ends[k];
+            ends.rotate_left(1);
+            ends[SWINGS - 1] = self.cycle;
+            if self.cycle - ends[0] <= self.within {
+                let side = Side::ALL[k / MICRO_AXES];
+                return Err(Broken::new(
+                    Rule::PiezoRunaway,
+                    format!("{}.micro{}", side.name(), k % MICRO_AXES + 1),
+                    format!("{SWINGS} swings within {:.0} ms", WITHIN * 1e3),
+                    format!("fewer, of {:.1} V or more", self.swing),
+                ));
             }
         }
         Ok(())
