@@ -138,7 +138,7 @@ impl Aim {
         let there = self.off_the_facet(cell, recipe, start());
         let nearer = self.too_near(cell, recipe, there, self.beside(cell));
         let there = there.shifted(0.0, 0.0, -nearer);
-        Ok(cell.go(self.side, there).await?)
+        cell.go(self.side, there).await
     }
 
     /// A place of the holder, or one farther from the chip where the inclined facet may stand out as far before the tip there.

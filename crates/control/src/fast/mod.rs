@@ -123,7 +123,10 @@ impl<'r> Shared<'r> {
 
     async fn align(&mut self, cell: &AlignmentCell<'_>) -> Vec<FiberReport> {
         let recipe = self.recipe;
-        each_fiber(cell, recipe, async |job| self.fiber(job, cell).await).await
+        each_fiber(cell, recipe, async |job| {
+            Box::pin(self.fiber(job, cell)).await
+        })
+        .await
     }
 
     fn exit(&self) -> f64 {

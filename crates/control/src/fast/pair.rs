@@ -239,7 +239,7 @@ impl Shared<'_> {
                 break;
             }
             come_back(cell, &mut tips, radius).await?;
-            for side in 0..SIDES {
+            for (side, other) in others.into_iter().enumerate() {
                 let [first, second] = &mut tips;
                 let (tip, held) = if side == 0 {
                     (first, second)
@@ -252,9 +252,9 @@ impl Shared<'_> {
                 let aim = Aim::at_fiber(tip.job);
                 tip.scan.set_radius(radius);
                 let (job, scan) = (&mut *tip.job, (&mut tip.scan, tip.before));
-                let mut resting = Resting::new(cell, &mut held.scan, (others[side], radius));
+                let mut resting = Resting::new(cell, &mut held.scan, (other, radius));
                 let close = self.come_close(job, cell, &aim, scan, Some(&mut resting));
-                kept_off(cell, &others[side], Box::pin(close)).await?;
+                kept_off(cell, &other, Box::pin(close)).await?;
                 tip.told.extend(tip.job.spread.take());
                 tip.job.spread = Spread::of_one(&tip.told);
                 // The other tip is looked at by light that no circle stirs.
