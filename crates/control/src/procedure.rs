@@ -265,7 +265,11 @@ impl Job<'_> {
         to: Point<Macro>,
     ) -> Result<(), Halt> {
         let (facet, here, room) = (self.facet(), cell.wanted(side), self.room(cell, side));
-        let to = facet.off(cell, side, to, room - (to.z - here.z));
+        // The sensing fiber is not before this port, and is kept off the facet by where it is placed.
+        let to = match cell.room_before(side, self.port.z, 0.0) {
+            Some(room) if side == self.side => facet.off(cell, side, to, room - (to.z - here.z)),
+            _ => to,
+        };
         let below = to.shifted(0.0, -self.recipe.coarse.run_up, 0.0);
         let aside = TUNING.gap.turns_back * cell.spec().guard.windup;
         let nearer = facet.stands_out(cell.spec(), 0.0, aside) - room;
