@@ -419,8 +419,11 @@ class Slow(Mistaken):
 def test_ctrl_c_stops_a_bench_in_python() -> None:
     own = Slow("never", None)
     timer = threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGINT))
+    # What a shell starts in the background ignores Ctrl-C, and so would the test.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     timer.start()
     with pytest.raises(KeyboardInterrupt):
         pigtail.align_bench(own)
     timer.join()
+    signal.signal(signal.SIGINT, before)
     assert own.stopped == 1 and own.now_s < 30.0
