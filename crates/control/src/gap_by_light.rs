@@ -75,8 +75,11 @@ pub struct Circles {
 /// A sample of a round as an equation of the spot's shape, beside what all samples of its round have in common.
 type Equation = (SVector<f64, SHAPE>, f64, f64);
 
-/// Unknowns of a spot's shape: two slopes, two curvatures, and the one between them, for a lag turns the circle.
-const SHAPE: usize = 5;
+/// Unknowns of a spot's shape: two curvatures, and the one between them, for a lag turns the circle.
+const SHAPE: usize = 3;
+
+/// Unknowns of each round: brightness and two slopes.
+const OWN: usize = 3;
 
 impl Width {
     /// Whether both squares are known to a share of them.
@@ -112,9 +115,9 @@ impl Circles {
         let all = self.rounds.iter().flatten();
         let scale = all.map(|(at, _)| at.norm()).fold(0.0, f64::max);
         let [x, y] = believed.map(|squared| -scale * scale / squared);
-        let mut found = SVector::from([0.0, 0.0, x, y, 0.0]);
+        let mut found = SVector::from([x, y, 0.0]);
         let mut rounds: Vec<_> = (self.rounds.iter())
-            .filter_map(|round| Round::of(round, scale, &found, noise))
+            .filter_map(|samples| Round::of(samples, scale, &found, Vector2::zeros(), noise))
             .collect();
         let samples = |rounds: &[Round<'_>]| rounds.iter().map(|round| round.samples.len()).sum();
         let n: usize = samples(&rounds);
@@ -125,7 +128,10 @@ impl Circles {
         for step in 0..=STEPS {
             if step > 0 {
                 rounds = (rounds.iter())
-                    .filter_map(|round| Round::of(round.samples, scale, &found, noise))
+                    .filter_map(|round| {
+                        let slopes = round.slopes(&found);
+                        Round::of(round.samples, scale, &found, slopes, noise)
+                    })
                     .collect();
                 if samples(&rounds) < n {
                     return None;
@@ -142,7 +148,7 @@ impl Circles {
         let rounds: Vec<_> = rounds.into_iter().map(|round| round.equations).collect();
         let squares = rounds.iter().flatten().map(|e| e.2 * left(e).powi(2));
         // So many samples say better than anybody how noisy they are...
-        let each = squares.sum::<f64>() / (n - SHAPE - rounds.len()) as f64;
+        let each = squares.sum::<f64>() / (n - SHAPE - OWN * rounds.len()) as f64;
         let mut variances = covariance.diagonal() * each;
         let n = rounds.len() as f64;
         let share = |variances: &SVector<f64, SHAPE>, i: usize| variances[i] / found[i].powi(2);
@@ -156,14 +162,14 @@ impl Circles {
                 between += pulls * pulls.transpose();
             }
             let between = (covariance * between * covariance * (n / (n - 1.0))).diagonal();
-            let more = [2, 3].map(|i| n * (share(&between, i) - share(&variances, i)));
+            let more = [0, 1].map(|i| n * (share(&between, i) - share(&variances, i)));
             apart = Rounds {
                 squares: 0.5 * (n - 1.0) * (more[0] + more[1]),
                 degrees: n - 1.0,
             };
             variances = variances.sup(&between);
         } else if let Some(variance) = before.variance() {
-            for i in [2, 3] {
+            for i in [0, 1] {
                 variances[i] += found[i].powi(2) * variance / n;
             }
         }
@@ -174,13 +180,13 @@ impl Circles {
             let deviation = deviation.hypot(TUNING.width.best) * squared;
             (curvature > 0.0).then_some((squared, deviation))
         };
-        let (x, y) = (of(2)?, of(3)?);
+        let (x, y) = (of(0)?, of(1)?);
         let halved = 0.5 / (scale * scale);
         Some(Width {
             at: gap,
             squared: [x.0, y.0],
             deviation: [x.1, y.1],
-            askew: (-found[4] * halved, variances[4].sqrt() * halved),
+            askew: (-found[2] * halved, variances[2].sqrt() * halved),
             rounds: apart,
         })
     }
@@ -189,57 +195,80 @@ impl Circles {
 /// A round as equations of the light's logarithm.
 struct Round<'a> {
     samples: &'a [(Displacement, f64)],
-    /// Less what all of them have in common.
+    /// Less what all of them have in common, and less both slopes: from one round to the next the spot may move.
     equations: Vec<Equation>,
+    /// Brightness and slopes by the values, and by how much less for each term of the shape.
+    own: SVector<f64, OWN>,
+    by_shape: SMatrix<f64, OWN, SHAPE>,
 }
 
 impl<'a> Round<'a> {
-    /// Around what the light is by a shape, and as bright as its samples have it: a sample then says how much more or less there is,
-    /// and counts as much as there should be, whatever its noise. `None` where there is no light in it.
+    /// Around what the light is by a shape and the round's own slopes, and as bright as its samples have it: a sample then says how much more or
+    /// less there is, and counts as much as there should be, whatever its noise. `None` where there is no light in it.
     fn of(
         samples: &'a [(Displacement, f64)],
         scale: f64,
         shape: &SVector<f64, SHAPE>,
+        slopes: Vector2<f64>,
         noise: f64,
     ) -> Option<Self> {
         let shares = samples.iter().map(|(at, volts)| {
-            let row = row(*at, scale);
-            (row, row.dot(shape).exp(), *volts)
+            let (slope, row) = rows(*at, scale);
+            let share = slope.dot(&slopes) + row.dot(shape);
+            (slope, row, share, share.exp(), *volts)
         });
         let (seen, squares) = shares
             .clone()
-            .fold((0.0, 0.0), |(seen, squares), (_, share, volts)| {
+            .fold((0.0, 0.0), |(seen, squares), (_, _, _, share, volts)| {
                 (seen + share * volts, squares + share * share)
             });
         let full = seen / squares;
         // By noise the brightness is known to this.
         let is_light = full > TUNING.width.clear * noise / squares.sqrt();
-        let each = shares.map(|(row, share, volts)| {
+        let mut normal = SMatrix::<f64, OWN, OWN>::zeros();
+        let mut by_value = SVector::<f64, OWN>::zeros();
+        let mut by_shape = SMatrix::<f64, OWN, SHAPE>::zeros();
+        let mut equations = Vec::with_capacity(samples.len());
+        for (slope, row, logarithm, share, volts) in shares {
             let light = full * share;
-            let value = row.dot(shape) + (volts - light) / light;
-            (row, value, (light / noise).powi(2))
-        });
-        let mut equations: Vec<Equation> = each.collect();
-        let fits = equations.iter().all(|e| e.1.is_finite() && e.2 > 0.0);
-        if !is_light || !fits {
+            let value = logarithm + (volts - light) / light;
+            let weight = (light / noise).powi(2);
+            let own = slope.insert_row(0, 1.0);
+            normal += own * own.transpose() * weight;
+            by_value += own * (value * weight);
+            by_shape += own * row.transpose() * weight;
+            equations.push((row, value, weight));
+        }
+        let fits = |e: &Equation| e.1.is_finite() && e.2 > 0.0;
+        if !is_light || !equations.iter().all(fits) {
             return None;
         }
-        let weights: f64 = equations.iter().map(|e| e.2).sum();
-        let sum = |sum: SVector<f64, SHAPE>, e: &Equation| sum + e.0 * e.2;
-        let row = equations.iter().fold(SVector::zeros(), sum) / weights;
-        let value = equations.iter().map(|e| e.1 * e.2).sum::<f64>() / weights;
-        for equation in &mut equations {
-            equation.0 -= row;
-            equation.1 -= value;
+        let inverse = normal.try_inverse()?;
+        let (own, by_shape) = (inverse * by_value, inverse * by_shape);
+        for (equation, (at, _)) in equations.iter_mut().zip(samples) {
+            let each = rows(*at, scale).0.insert_row(0, 1.0);
+            equation.0 -= by_shape.tr_mul(&each);
+            equation.1 -= own.dot(&each);
         }
-        Some(Self { samples, equations })
+        Some(Self {
+            samples,
+            equations,
+            own,
+            by_shape,
+        })
+    }
+
+    /// Both slopes beside a shape.
+    fn slopes(&self, shape: &SVector<f64, SHAPE>) -> Vector2<f64> {
+        let own = self.own - self.by_shape * shape;
+        Vector2::new(own[1], own[2])
     }
 }
 
-/// The terms of a spot's shape at a place.
-fn row(at: Displacement, scale: f64) -> SVector<f64, SHAPE> {
+/// The terms of a spot at a place: those of its slopes, and of its shape.
+fn rows(at: Displacement, scale: f64) -> (Vector2<f64>, SVector<f64, SHAPE>) {
     let Displacement { x, y } = at / scale;
-    SVector::from([x, y, x * x, y * y, x * y])
+    (Vector2::new(x, y), SVector::from([x * x, y * y, x * y]))
 }
 
 /// The widths as a micro would see them that goes exactly along x where it is told to go along x. One that lags by more or less
@@ -385,6 +414,34 @@ mod tests {
                     assert!((found / length - 1.0).abs() < 2e-3, "{found} for {length}");
                 }
             }
+        }
+    }
+
+    /// A resting fiber or a chip that warms takes the spot along: a micrometre while a width is looked for in much noise.
+    #[test]
+    fn a_spot_that_moves_from_round_to_round_is_as_wide() {
+        let seen = |moves: f64| {
+            let mut spot = Circles::default();
+            for k in 0..100 {
+                spot.begin_round();
+                for j in 0..24 {
+                    let radius = if j < 12 { 0.8e-6 } else { 2.8e-6 };
+                    let at = Displacement::polar(radius, TAU * f64::from(j % 12) / 12.0);
+                    let off = at + Displacement::new(0.8, -0.6) * (moves * f64::from(k) / 99.0);
+                    let light = (-off.x * off.x / 4e-12 - off.y * off.y / 9e-12).exp();
+                    spot.add(at, 3.0 * light);
+                }
+            }
+            spot.width(0.0, 1e-3, [6e-12; 2], Rounds::default())
+                .expect("there is light")
+        };
+        let (still, moved) = (seen(0.0), seen(1e-6));
+        for (seen, wide) in still.squared.iter().zip([4e-12, 9e-12]) {
+            assert!((seen / wide - 1.0).abs() < 1e-6, "{still:?}");
+        }
+        for i in 0..2 {
+            assert!((moved.squared[i] / still.squared[i] - 1.0).abs() < 1e-6);
+            assert!(moved.deviation[i] < 1.01 * still.deviation[i], "{moved:?}");
         }
     }
 
