@@ -186,7 +186,10 @@ impl Circles {
             at: gap,
             squared: [x.0, y.0],
             deviation: [x.1, y.1],
-            askew: (-found[2] * halved, variances[2].sqrt() * halved),
+            askew: (
+                -found[2] * halved,
+                (variances[2].sqrt() * halved).hypot(TUNING.width.best / (x.0 * y.0).sqrt()),
+            ),
             rounds: apart,
         })
     }
@@ -269,48 +272,6 @@ impl<'a> Round<'a> {
 fn rows(at: Displacement, scale: f64) -> (Vector2<f64>, SVector<f64, SHAPE>) {
     let Displacement { x, y } = at / scale;
     (Vector2::new(x, y), SVector::from([x * x, y * y, x * y]))
-}
-
-/// The widths as a micro would see them that goes exactly along x where it is told to go along x. One that lags by more or less
-/// than believed goes on a circle that is turned, one whose axes are coupled aside. An oblong spot is seen the rounder
-/// for it, by more where it is the more oblong, which it is not at all gaps alike; and it is seen to lie askew.
-fn straightened(widths: &[Width]) -> Vec<Width> {
-    /// Each comes nearer by the square of how far aside the micro goes.
-    const STEPS: usize = 8;
-    // Told to go (x, y) it goes (x + p y, y + q x), where what turns the circle makes it no wider.
-    let (mut p, mut q) = (0.0, 0.0);
-    let straight = |width: &Width, p: f64, q: f64| {
-        let [a, b] = width.squared.map(f64::recip);
-        let whole = 1.0 - p * p * q * q;
-        [(a - q * q * b) / whole, (b - p * p * a) / whole]
-    };
-    for _ in 0..STEPS {
-        let mut normal = Normal::<2>::default();
-        for i in 0..2 {
-            normal.matrix[(i, i)] = TUNING.width.askew.powi(-2);
-        }
-        for width in widths {
-            let row = Vector2::from(straight(width, p, q));
-            let (askew, deviation) = width.askew;
-            normal.add_weighted(&row, askew, deviation.powi(-2));
-        }
-        let Some(found) = normal.solve() else {
-            break;
-        };
-        (p, q) = (found[0], found[1]);
-    }
-    let turned = 1.0 + (0.5 * (p - q)).powi(2);
-    let each = widths.iter().map(|width| {
-        let squared = straight(width, p, q).map(|inverse| 1.0 / (inverse * turned));
-        let times = [0, 1].map(|i| squared[i] / width.squared[i]);
-        Width {
-            squared,
-            deviation: [0, 1].map(|i| width.deviation[i] * times[i]),
-            askew: (0.0, width.askew.1),
-            ..*width
-        }
-    });
-    each.collect()
 }
 
 #[cfg(test)]

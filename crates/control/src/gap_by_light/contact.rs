@@ -1,8 +1,8 @@
 //! Where fiber and chip touch, by how wide the spot was at some gaps and by all that was known before.
 
-use super::{Width, straightened};
+use super::Width;
 use crate::tuning::TUNING;
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Cholesky, Const, SMatrix, SVector};
 use pigtail_numerics::statistics::{pooled, within};
 use std::f64::consts::TAU;
 
@@ -103,18 +103,18 @@ pub struct Contact {
 }
 
 /// Contacts that are tried lie so far apart, metres: the light never knows it to that.
-const STEP: f64 = 25e-9;
+const STEP: f64 = 50e-9;
 
 /// A contact that was tried.
 #[derive(Debug, Clone, Copy)]
 struct Tried {
     at: f64,
-    /// Weighted squares of what is left, what was known of the spot among them.
-    misfit: f64,
-    /// Minus twice the logarithm of how much of the shapes around the best one fits too.
+    /// The spot that fits best.
+    spot: Spot,
+    /// How well it is known.
+    covariance: SMatrix<f64, SPOT, SPOT>,
+    /// Minus twice the logarithm of how much of the spots around it fits too.
     narrow: f64,
-    /// Logarithm of how light spreads, in x and in y, and its variance.
-    spread: [(f64, f64); 2],
 }
 
 /// Where both parabolas have their vertex. `None` where the widths are too few, say no place near where vision does, or are not those of
@@ -123,41 +123,35 @@ pub fn contact(widths: &[Width], known: &Known) -> Option<Contact> {
     if widths.len() < TUNING.width.gaps {
         return None;
     }
-    let widths = &straightened(widths)[..];
     let reach = 2.0 * known.bound + TUNING.width.beyond * known.sigma.max(4.0 * STEP);
     let n = (reach / STEP).ceil() as i32;
-    let mut shapes = [0, 1].map(|i| Shape::first(known, i));
-    let tried: Vec<Tried> = (-n..=n)
+    let mut spot = Spot::first(known);
+    let tried: Option<Vec<Tried>> = (-n..=n)
         .map(|k| {
             let at = known.at + f64::from(k) * STEP;
-            for (i, shape) in shapes.iter_mut().enumerate() {
-                shape.fit(widths, at, known, i);
-            }
-            Tried {
+            let factor = spot.fit(widths, at, known)?;
+            Some(Tried {
                 at,
-                misfit: shapes.iter().map(|shape| shape.misfit).sum(),
-                narrow: shapes
-                    .iter()
-                    .map(|shape| shape.matrix.determinant().ln())
-                    .sum(),
-                spread: [0, 1].map(|i| shapes[i].spread()),
-            }
+                spot,
+                covariance: factor.inverse(),
+                narrow: 2.0 * factor.l().diagonal().map(f64::ln).sum(),
+            })
         })
         .collect();
-    let best = tried
-        .iter()
-        .enumerate()
-        .min_by(|a, b| a.1.misfit.total_cmp(&b.1.misfit))?;
-    let least = best.1.misfit;
-    // Widths and what was known beside the vertex, less what is sought.
-    let free = (2 * widths.len() + 4 - 5) as f64;
-    let worse = (least / free).max(1.0);
-    let at_end = best.0 == 0 || best.0 + 1 == tried.len();
-    if at_end || !least.is_finite() || worse > TUNING.width.misshapen * TUNING.width.misshapen {
+    let tried = tried?;
+    let misfit = |one: &Tried| one.spot.misfit + one.spot.surprise;
+    let (best, one) = (tried.iter().enumerate())
+        .min_by(|a, b| misfit(a.1).total_cmp(&misfit(b.1)))?;
+    let worse = one.worse(widths.len(), known);
+    let at_end = best == 0 || best + 1 == tried.len();
+    if at_end || !misfit(one).is_finite() || worse > TUNING.width.misshapen * TUNING.width.misshapen
+    {
         return None;
     }
-    let likely =
-        |one: &Tried| (-0.5 * ((one.misfit - least) / worse + one.narrow - best.1.narrow)).exp();
+    let likely = |other: &Tried| {
+        let less = (misfit(other) - misfit(one)) / worse;
+        (-0.5 * (less + other.narrow - one.narrow)).exp()
+    };
     let vision = |one: &Tried| {
         let off = one.at - known.at;
         within(off, known.bound, known.sigma)
@@ -166,9 +160,9 @@ pub fn contact(widths: &[Width], known: &Known) -> Option<Contact> {
     let both = |one: &Tried| likely(one) * vision(one);
     let (at, deviation) = moments(&tried, both)?;
     let axis = |i: usize| {
-        let value = |one: &Tried| one.spread[i].0;
-        let (mean, apart) = moments_of(&tried, both, value)?;
-        let own = moments_of(&tried, both, |one| one.spread[i].1)?.0;
+        let (mean, apart) = moments_of(&tried, both, |one| one.spot.at[LENGTH + i])?;
+        let variance = |one: &Tried| one.covariance[(LENGTH + i, LENGTH + i)];
+        let own = moments_of(&tried, both, variance)?.0;
         Some((mean.exp(), (worse * own).sqrt().hypot(apart)))
     };
     let (x, y) = (axis(0)?, axis(1)?);
@@ -181,6 +175,19 @@ pub fn contact(widths: &[Width], known: &Known) -> Option<Contact> {
             deviation: [x.1, y.1],
         },
     })
+}
+
+impl Tried {
+    /// How many times the squares of what is left of so many widths are what their deviations make of them, but not less than one. What was known
+    /// beforehand counts neither among what is left nor as what it fits: where it is vague it always fits.
+    fn worse(&self, widths: usize, known: &Known) -> f64 {
+        let by_widths: f64 = (Spot::before(known).1.iter().enumerate())
+            .map(|(i, weight)| 1.0 - weight * self.covariance[(i, i)])
+            .sum();
+        // Two widths and how askew they are, less what they tell, and less where the vertex is.
+        let free = (3 * widths) as f64 - by_widths - 1.0;
+        (self.spot.misfit / free.max(1.0)).max(1.0)
+    }
 }
 
 fn moments(tried: &[Tried], weight: impl Fn(&Tried) -> f64 + Copy) -> Option<(f64, f64)> {
@@ -204,71 +211,141 @@ fn moments_of(
     (whole > 0.0 && mean.is_finite()).then(|| (mean, variance.sqrt()))
 }
 
-/// The parabola along one axis that fits best for a vertex: logarithms of its square at the vertex, and of how it spreads.
+/// Unknowns of a spot: logarithms of its squared radii where they touch, of how light spreads along both ways that the micro is told to go, and
+/// the angles by which it goes otherwise.
+const SPOT: usize = 6;
+/// Where among them those stand that are of how light spreads.
+const LENGTH: usize = 2;
+
+/// The spot that fits best for a vertex.
+///
+/// Guides lie in a chip so that light falls off by `exp(-r' D r)` with a diagonal `D`. A micro that is told to go along x goes by some scale in
+/// a direction that is a little turned, along y by another in another: it lags, its axes are coupled, it swings along. Told to go by `d` it
+/// sees `d' A' D A d`, of which both ways are the columns of `A`. An oblong spot is seen the rounder for it, by more where it is the more oblong, which it
+/// is not at all gaps alike; and it is seen to lie askew, which tells the angles where they count.
 #[derive(Debug, Clone, Copy)]
-struct Shape {
-    at: Vector2<f64>,
-    matrix: Matrix2<f64>,
+struct Spot {
+    at: SVector<f64, SPOT>,
+    /// How light spreads on average, to which scales are relative, metres.
+    middle: f64,
+    /// Weighted squares of what is left of the widths.
     misfit: f64,
+    /// And of what was known beforehand.
+    surprise: f64,
 }
 
-impl Shape {
-    fn first(known: &Known, axis: usize) -> Self {
+/// What is seen at a gap beside what the spot would show: what is left, its weight, and by how much it changes with the unknowns.
+type Seen = (f64, f64, SVector<f64, SPOT>);
+
+impl Spot {
+    /// What is known beforehand, and its weights.
+    fn before(known: &Known) -> (SVector<f64, SPOT>, SVector<f64, SPOT>) {
+        let middle = known.spread.middle();
+        let [a, b] = known.spread.length.map(f64::ln);
+        let [x, y] = known.squared.map(|squared| (squared * middle).ln());
+        let [rough, turned] = [TUNING.width.roughly, TUNING.width.turned].map(|d| d.powi(-2));
+        let [v, w] = known.spread.deviation.map(|deviation| deviation.powi(-2));
+        (
+            SVector::from([x - a, y - b, a, b, 0.0, 0.0]),
+            SVector::from([rough, rough, v, w, turned, turned]),
+        )
+    }
+
+    fn first(known: &Known) -> Self {
         Self {
-            at: Vector2::new(known.squared[axis].ln(), known.spread.length[axis].ln()),
-            matrix: Matrix2::identity(),
+            at: Self::before(known).0,
+            middle: known.spread.middle(),
             misfit: f64::INFINITY,
+            surprise: 0.0,
         }
     }
 
-    /// Goes from the shape for a vertex beside this one to that for a vertex, by Gauss and Newton.
-    fn fit(&mut self, widths: &[Width], vertex: f64, known: &Known, axis: usize) {
+    /// Goes from the spot for a vertex beside this one to that for a vertex, by Gauss and Newton: how well it is known. `None` where nothing fits.
+    fn fit(
+        &mut self,
+        widths: &[Width],
+        vertex: f64,
+        known: &Known,
+    ) -> Option<Cholesky<f64, Const<SPOT>>> {
         /// The first one is farther than the others.
         const STEPS: (u32, u32) = (12, 3);
-        /// No logarithm goes farther in a step.
+        /// No logarithm and no angle goes farther in a step.
         const MOST: f64 = 0.5;
+        let (before, weights) = Self::before(known);
         let steps = if self.misfit.is_finite() {
             STEPS.1
         } else {
             STEPS.0
         };
-        let before = Vector2::new(known.squared[axis].ln(), known.spread.length[axis].ln());
-        let weights = Vector2::new(
-            TUNING.width.roughly.powi(-2),
-            known.spread.deviation[axis].powi(-2),
-        );
-        for step in 0..=steps {
-            let left = before - self.at;
-            let mut matrix = Matrix2::from_diagonal(&weights);
-            let mut pull = left.component_mul(&weights);
-            let mut misfit = left.component_mul(&left).dot(&weights);
-            let [squared, length] = [self.at[0].exp(), self.at[1].exp()];
-            for width in widths {
-                let spread = (length * (width.at - vertex)).powi(2) / squared;
-                let row = Vector2::new(squared - spread, 2.0 * spread);
-                let weight = width.deviation[axis].powi(-2);
-                let left = width.squared[axis] - squared - spread;
+        for step in 0.. {
+            let off = before - self.at;
+            let mut matrix = SMatrix::from_diagonal(&weights);
+            let mut pull = off.component_mul(&weights);
+            let (surprise, mut misfit) = (off.dot(&pull), 0.0);
+            for (left, weight, row) in widths.iter().flat_map(|width| self.seen(width, vertex)) {
                 matrix += row * row.transpose() * weight;
                 pull += row * (left * weight);
                 misfit += left * left * weight;
             }
-            (self.matrix, self.misfit) = (matrix, misfit);
-            let Some(by) = matrix.try_inverse().map(|inverse| inverse * pull) else {
-                self.misfit = f64::INFINITY;
-                return;
-            };
-            if step < steps {
-                self.at += by.map(|by| by.clamp(-MOST, MOST));
+            (self.misfit, self.surprise) = (misfit, surprise);
+            let factor = Cholesky::new(matrix)?;
+            if step == steps {
+                return Some(factor);
             }
+            self.at += factor.solve(&pull).map(|by| by.clamp(-MOST, MOST));
         }
+        None
     }
 
-    /// Logarithm of how light spreads, and its variance.
-    fn spread(&self) -> (f64, f64) {
-        let variance = self
-            .matrix
-            .try_inverse()
-            .map_or(f64::INFINITY, |inverse| inverse[(1, 1)]);
-        (self.at[1], variance)
+    /// Both squared widths at a gap, and how askew the spot is.
+    fn seen(&self, width: &Width, vertex: f64) -> [Seen; 3] {
+        let spreads = (self.middle * (width.at - vertex)).powi(2);
+        let radii = [self.at[0].exp(), self.at[1].exp()];
+        let [d, e] = radii.map(|radius| (radius + spreads / radius).recip());
+        let more = |radius: f64, d: f64| (spreads / radius - radius) * d * d;
+        let (of_d, of_e) = (more(radii[0], d), more(radii[1], e));
+        let [x, y] = [self.at[LENGTH], self.at[LENGTH + 1]].map(|length| self.middle / length.exp());
+        let both = (x * y).sqrt();
+        let [(sin_x, cos_x), (sin_y, cos_y)] = [self.at[4].sin_cos(), self.at[5].sin_cos()];
+        let along_x = x * (cos_x * cos_x * d + sin_x * sin_x * e);
+        let along_y = y * (sin_y * sin_y * d + cos_y * cos_y * e);
+        let askew = both * (sin_x * cos_y * e - cos_x * sin_y * d);
+        let rows = [
+            [
+                x * cos_x * cos_x * of_d,
+                x * sin_x * sin_x * of_e,
+                -along_x,
+                0.0,
+                2.0 * x * sin_x * cos_x * (e - d),
+                0.0,
+            ],
+            [
+                y * sin_y * sin_y * of_d,
+                y * cos_y * cos_y * of_e,
+                0.0,
+                -along_y,
+                0.0,
+                2.0 * y * sin_y * cos_y * (d - e),
+            ],
+            [
+                -both * cos_x * sin_y * of_d,
+                both * sin_x * cos_y * of_e,
+                -0.5 * askew,
+                -0.5 * askew,
+                both * (sin_x * sin_y * d + cos_x * cos_y * e),
+                -both * (cos_x * cos_y * d + sin_x * sin_y * e),
+            ],
+        ]
+        .map(SVector::from);
+        let of_width = |i: usize, curvature: f64| {
+            let left = width.squared[i] - curvature.recip();
+            let row = rows[i] * -curvature.powi(-2);
+            (left, width.deviation[i].powi(-2), row)
+        };
+        [
+            of_width(0, along_x),
+            of_width(1, along_y),
+            (width.askew.0 - askew, width.askew.1.powi(-2), rows[2]),
+        ]
     }
 }

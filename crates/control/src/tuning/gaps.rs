@@ -107,9 +107,9 @@ topic! {
         best: f64 = 2e-3, "1", Stated;
         /// A misfit of so many times its noise is of a spot that is no Gaussian.
         misshapen: f64 = 5.0, "1", Choice;
-        /// How far aside a micro goes of its way, before that is seen, standard deviation: as far as half a millisecond of lag
-        /// turns a circle of 24 ms. It counts only where the spot is nearly round.
-        askew: f64 = 0.15, "1", Choice;
+        /// By how much either way is turned that a micro goes on a circle, before that is seen, standard deviation: as a millisecond of lag turns a circle of
+        /// 24 ms.
+        turned: f64 = 0.3, "rad", Choice;
         /// How well it is known by design how light spreads, standard deviation of the logarithm: it counts where fewer gaps than
         /// three were looked at.
         vague: f64 = 0.2, "1", Choice;
