@@ -106,8 +106,7 @@ async fn first_light_of_input(job: &mut Job<'_>, cell: &AlignmentCell<'_>) -> Re
         let mut evidence = None;
         for aside in [0.0, step, -step] {
             if evidence.is_some() {
-                job.arrive(cell, Side::Right, top.shifted(aside, 0.0, 0.0))
-                    .await?;
+                job.beside_top(cell, &top, aside).await?;
             }
             match spirals(job, cell).await {
                 Ok(found) => return Ok(found),

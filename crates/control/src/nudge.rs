@@ -82,9 +82,8 @@ async fn held_and_nudged(job: &mut Job<'_>, cell: &AlignmentCell<'_>) -> Result<
                 &[0.0]
             };
             for aside in asides {
-                if let Some(top) = top {
-                    job.arrive(cell, Side::Right, top.shifted(*aside, 0.0, 0.0))
-                        .await?;
+                if let Some(top) = &top {
+                    job.beside_top(cell, top, *aside).await?;
                 }
                 match search(job, cell, start).await {
                     Ok(found) => return Ok(found),

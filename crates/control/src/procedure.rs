@@ -17,6 +17,7 @@ use crate::tip_estimator::Tip;
 use crate::tuning::TUNING;
 use crate::upward::Facet;
 use pigtail_hal::bench::Fix;
+use pigtail_hal::spec::GuardSpec;
 use pigtail_hal::{Channel, Fault, Side};
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
 
@@ -78,6 +79,17 @@ pub(crate) struct Found {
     pub(crate) background: f64,
     /// Its level above that, volts.
     pub(crate) level: f64,
+}
+
+/// Where the sensing fiber passed the chip's top.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Top {
+    /// Its holder.
+    holder: Point<Macro>,
+    /// Its tip, as vision placed it but for the way up.
+    tip: Point<Chip>,
+    /// How far it was placed from the facet, metres.
+    gap: f64,
 }
 
 impl Job<'_> {
@@ -359,12 +371,12 @@ impl Job<'_> {
     }
 
     /// Places the sensing fiber before the first output (thesis 3.2.2): aligned by vision in x
-    /// and z, it rises from below until it has passed the chip's top. Returns where it stands.
+    /// and z, it rises from below until it has passed the chip's top.
     pub(crate) async fn find_top(
         &self,
         cell: &AlignmentCell<'_>,
         output: [f64; 3],
-    ) -> Result<Point<Macro>, Halt> {
+    ) -> Result<Top, Halt> {
         let recipe = self.recipe;
         let side = Side::Right;
         cell.laser(false)?;
@@ -377,14 +389,16 @@ impl Job<'_> {
         // Where it may step aside later, the facet may stand out as far.
         let passes = recipe.raster.retry.passes.iter();
         let steps = passes.map(|pass| pass.sensing.abs()).fold(0.0, f64::max);
-        let [bound, _] = cell.spec().vision.believed();
-        let aside = bound + steps * recipe.sensing.sidestep;
-        let out = self.facet().stands_out(cell.spec(), self.walk(), aside);
-        let gap = out + cell.spec().guard.clearance + 2.0 * TUNING.gap.upward;
-        self.place(cell, side, Tip::Sensing, start, gap.max(recipe.raster.gap))
-            .await?;
+        let out = self.out_before_sensing(cell, steps * recipe.sensing.sidestep);
         let core = cell.spec().sensing_fiber.core;
         let height = recipe.sensing.below + recipe.raster.y + recipe.raster.overscan + core;
+        let guard = &cell.spec().guard;
+        // A stage that stands askew comes nearer as it rises.
+        let nearer = GuardSpec::SIGMAS * guard.askew * height;
+        let gap = out + guard.clearance + 2.0 * TUNING.gap.upward + nearer;
+        let gap = gap.max(recipe.raster.gap);
+        self.place(cell, side, Tip::Sensing, start, gap).await?;
+        let lowest = cell.wanted(side);
         edge_from_below(
             cell,
             &recipe.sensing,
@@ -393,7 +407,36 @@ impl Job<'_> {
             height,
         )
         .await?;
-        Ok(cell.wanted(side))
+        let holder = cell.wanted(side);
+        let tip = start.shifted(0.0, holder.y - lowest.y, 0.0);
+        Ok(Top { holder, tip, gap })
+    }
+
+    /// How far the facet of the first output may stand out before a sensing fiber that was placed by vision and is so far aside of there, metres.
+    fn out_before_sensing(&self, cell: &AlignmentCell<'_>, aside: f64) -> f64 {
+        let [bound, _] = cell.spec().vision.believed();
+        self.facet()
+            .stands_out(cell.spec(), self.walk(), bound + aside)
+    }
+
+    /// Has the sensing fiber stand so far aside of where it passed the chip's top, metres. Where its joints may let out so much as they turn that
+    /// the facet may stand out as far as the fiber is from it, it is placed by vision again.
+    pub(crate) async fn beside_top(
+        &self,
+        cell: &AlignmentCell<'_>,
+        top: &Top,
+        aside: f64,
+    ) -> Result<(), Halt> {
+        let guard = &cell.spec().guard;
+        let let_out = TUNING.gap.turns_back * guard.windup;
+        let out = self.out_before_sensing(cell, aside.abs() + let_out);
+        if out + guard.clearance < top.gap {
+            let there = top.holder.shifted(aside, 0.0, 0.0);
+            return self.arrive(cell, Side::Right, there).await;
+        }
+        let there = top.tip.shifted(aside, 0.0, 0.0);
+        self.place(cell, Side::Right, Tip::Sensing, there, top.gap)
+            .await
     }
 
     /// Rasters from where the fiber stands, one pass after the other until there is light. What the `sensing` fiber is to see is looked for wherever
@@ -401,7 +444,7 @@ impl Job<'_> {
     async fn rasters(
         &self,
         cell: &AlignmentCell<'_>,
-        sensing: Option<Point<Macro>>,
+        sensing: Option<Top>,
     ) -> Result<Found, Halt> {
         let (raster, step) = (&self.recipe.raster, self.recipe.sensing.sidestep);
         let lowest = cell.wanted(self.side);
@@ -410,9 +453,8 @@ impl Job<'_> {
         let passes = raster.retry.passes.iter();
         for pass in passes.filter(|pass| sensing.is_some() || pass.sensing == 0.0) {
             if evidence.is_some() {
-                if let Some(top) = sensing {
-                    let there = top.shifted(pass.sensing * step, 0.0, 0.0);
-                    self.arrive(cell, Side::Right, there).await?;
+                if let Some(top) = &sensing {
+                    self.beside_top(cell, top, pass.sensing * step).await?;
                 }
                 cell.move_micro(self.side, Displacement::ZERO)?;
                 let start = lowest.shifted(pass.aside * raster.x, -between, 0.0);

@@ -474,10 +474,11 @@ impl<'r> Shared<'r> {
         let scattered = scan.background() - dark;
         let least = TUNING.search.doubtful * self.fast.significance * scan.noise();
         if level < least.max(TUNING.search.scattered * scattered) {
-            // What is no peak may stand far aside, where the inclined facet is nearer.
+            // What is no peak may stand as far aside as vision errs, where the inclined facet is nearer.
             let (first, facet) = (self.fast.doubtful_gap, aim.facet(self.recipe));
+            let [bound, _] = cell.spec().vision.believed();
             for gap in [first, 0.5 * first] {
-                let gap = gap + facet.stands_out(cell.spec(), aim.beside(cell), 0.0);
+                let gap = gap + facet.stands_out(cell.spec(), aim.beside(cell), bound);
                 let gap = gap.max(aim.gap(cell) - facet.room_aside(cell, aim.side));
                 self.approach(cell, aim, scan, before, (gap, TUNING.search.doubting))
                     .await?;
