@@ -220,11 +220,12 @@ impl<'a> Round<'a> {
             let share = slope.dot(&slopes) + row.dot(shape);
             (slope, row, share, share.exp(), *volts)
         });
-        let (seen, squares) = shares
-            .clone()
-            .fold((0.0, 0.0), |(seen, squares), (_, _, _, share, volts)| {
-                (seen + share * volts, squares + share * share)
-            });
+        let (seen, squares) =
+            shares
+                .clone()
+                .fold((0.0, 0.0), |(seen, squares), (_, _, _, share, volts)| {
+                    (seen + share * volts, squares + share * share)
+                });
         let full = seen / squares;
         // By noise the brightness is known to this.
         let is_light = full > TUNING.width.clear * noise / squares.sqrt();
@@ -345,6 +346,7 @@ mod tests {
         spread: Spread {
             length: [1.3e-6 / TAU; 2],
             deviation: [0.5; 2],
+            correlation: 0.0,
         },
         at: 0.0,
         bound: 6e-6,
@@ -537,10 +539,13 @@ mod tests {
         let told = |length: f64| Spread {
             length: [length; 2],
             deviation: [0.01; 2],
+            correlation: 0.9,
         };
         let alike = Spread::of_all(&[told(0.2e-6), told(0.201e-6), told(0.2e-6)]).expect("three");
         assert!((0.2e-6..0.201e-6).contains(&alike.length[0]));
         assert!((0.005..0.01).contains(&alike.deviation[0]), "{alike:?}");
+        // Less than each of them: another fiber differs along x and along y by itself.
+        assert!((0.5..0.8).contains(&alike.correlation), "{alike:?}");
         let apart = Spread::of_all(&[told(0.19e-6), told(0.21e-6)]).expect("two");
         assert!(apart.deviation[0] > 0.04, "{apart:?}");
         assert_eq!(Spread::of_all(&[]), None);

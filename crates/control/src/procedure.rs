@@ -441,11 +441,7 @@ impl Job<'_> {
 
     /// Rasters from where the fiber stands, one pass after the other until there is light. What the `sensing` fiber is to see is looked for wherever
     /// that is to stand; what it does not see only in the passes in which it stays.
-    async fn rasters(
-        &self,
-        cell: &AlignmentCell<'_>,
-        sensing: Option<Top>,
-    ) -> Result<Found, Halt> {
+    async fn rasters(&self, cell: &AlignmentCell<'_>, sensing: Option<Top>) -> Result<Found, Halt> {
         let (raster, step) = (&self.recipe.raster, self.recipe.sensing.sidestep);
         let lowest = cell.wanted(self.side);
         let between = raster.retry.between * raster.mesh;

@@ -118,6 +118,7 @@ impl Spreads {
         belief.as_ref().map(|belief| Spread {
             length: [belief.x, belief.y],
             deviation: [belief.deviation_x, belief.deviation_y],
+            correlation: belief.correlation,
         })
     }
 }
@@ -139,6 +140,9 @@ pub struct SpreadBelief {
     /// How well that along y is.
     #[serde(with = "quantity::Positive")]
     pub deviation_y: f64,
+    /// By how much both err alike: the correlation of their logarithms. Where it is not said, wholly.
+    #[serde(default = "all", with = "quantity::NonNegative")]
+    pub correlation: f64,
     /// When it was found.
     pub date: String,
     /// By which run.

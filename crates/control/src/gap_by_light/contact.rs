@@ -2,7 +2,7 @@
 
 use super::Width;
 use crate::tuning::TUNING;
-use nalgebra::{Cholesky, Const, SMatrix, SVector};
+use nalgebra::{Cholesky, Const, Matrix2, SMatrix, SVector};
 use pigtail_numerics::statistics::{pooled, within};
 use std::f64::consts::TAU;
 
@@ -14,16 +14,29 @@ pub struct Spread {
     pub length: [f64; 2],
     /// Standard deviations of their natural logarithms.
     pub deviation: [f64; 2],
+    /// By how much both err alike, the correlation of their logarithms: where nobody knew where the chip was, both follow from the same guess of it.
+    pub correlation: f64,
 }
 
 impl Spread {
+    /// No two lengths err more alike: what is left is for their widths' own noise.
+    const ALIKE: f64 = 0.99;
+
     /// Of light of a wavelength (metres) that leaves at an angle to the z axis, before any of it was seen: makers state 5 to 10 %
     /// for how far a piezo goes, and twice as much of that is in it.
     pub fn by_design(wavelength: f64, exit: f64) -> Self {
         Self {
             length: [wavelength / (TAU * exit.cos()); 2],
             deviation: [TUNING.width.vague; 2],
+            correlation: 0.0,
         }
+    }
+
+    /// Variances of both logarithms, and what they have in common.
+    fn covariance(&self) -> Matrix2<f64> {
+        let [x, y] = self.deviation;
+        let both = self.correlation.clamp(-Self::ALIKE, Self::ALIKE) * x * y;
+        Matrix2::new(x * x, both, both, y * y)
     }
 
     /// Of a spot that is as wide in x as in y, metres.
@@ -49,10 +62,14 @@ impl Spread {
     /// they say, that is believed.
     pub fn of_all(told: &[Self]) -> Option<Self> {
         let all = Self::of_one(told)?;
+        let deviation = all
+            .deviation
+            .map(|deviation| deviation.hypot(TUNING.width.another));
+        let [x, y] = [0, 1].map(|i| all.deviation[i] / deviation[i]);
         Some(Self {
-            deviation: all
-                .deviation
-                .map(|deviation| deviation.hypot(TUNING.width.another)),
+            deviation,
+            // What another fiber differs by it does along x and along y by itself.
+            correlation: all.correlation * x * y,
             ..all
         })
     }
@@ -67,9 +84,11 @@ impl Spread {
             (mean.exp(), deviation)
         };
         let [x, y] = [axis(0), axis(1)];
+        let alike = told.iter().map(|one| one.correlation).sum::<f64>();
         (!told.is_empty()).then_some(Self {
             length: [x.0, y.0],
             deviation: [x.1, y.1],
+            correlation: alike / told.len() as f64,
         })
     }
 }
@@ -140,8 +159,8 @@ pub fn contact(widths: &[Width], known: &Known) -> Option<Contact> {
         .collect();
     let tried = tried?;
     let misfit = |one: &Tried| one.spot.misfit + one.spot.surprise;
-    let (best, one) = (tried.iter().enumerate())
-        .min_by(|a, b| misfit(a.1).total_cmp(&misfit(b.1)))?;
+    let (best, one) =
+        (tried.iter().enumerate()).min_by(|a, b| misfit(a.1).total_cmp(&misfit(b.1)))?;
     let worse = one.worse(widths.len(), known);
     let at_end = best == 0 || best + 1 == tried.len();
     if at_end || !misfit(one).is_finite() || worse > TUNING.width.misshapen * TUNING.width.misshapen
@@ -159,21 +178,31 @@ pub fn contact(widths: &[Width], known: &Known) -> Option<Contact> {
     let by_light = moments(&tried, likely)?;
     let both = |one: &Tried| likely(one) * vision(one);
     let (at, deviation) = moments(&tried, both)?;
-    let axis = |i: usize| {
-        let (mean, apart) = moments_of(&tried, both, |one| one.spot.at[LENGTH + i])?;
-        let variance = |one: &Tried| one.covariance[(LENGTH + i, LENGTH + i)];
-        let own = moments_of(&tried, both, variance)?.0;
-        Some((mean.exp(), (worse * own).sqrt().hypot(apart)))
-    };
-    let (x, y) = (axis(0)?, axis(1)?);
+    let spread = spread_of(&tried, both, worse)?;
     Some(Contact {
         at,
         deviation: deviation.hypot(TUNING.width.hidden),
         by_light: (by_light.0, by_light.1.hypot(TUNING.width.hidden)),
-        spread: Spread {
-            length: [x.0, y.0],
-            deviation: [x.1, y.1],
-        },
+        spread,
+    })
+}
+
+/// How light spreads by all contacts, so weighted: their own errors, so many times `worse`, and by how much they differ.
+fn spread_of(tried: &[Tried], weight: impl Fn(&Tried) -> f64 + Copy, worse: f64) -> Option<Spread> {
+    let mean = |value: &dyn Fn(&Tried) -> f64| moments_of(tried, weight, value);
+    let length = |one: &Tried, i: usize| one.spot.at[LENGTH + i];
+    let (x, of_x) = mean(&|one| length(one, 0))?;
+    let (y, of_y) = mean(&|one| length(one, 1))?;
+    let own = |i: usize, j: usize| {
+        let of = |one: &Tried| worse * one.covariance[(LENGTH + i, LENGTH + j)];
+        mean(&of).map(|(own, _)| own)
+    };
+    let variances = [own(0, 0)? + of_x * of_x, own(1, 1)? + of_y * of_y];
+    let (both, _) = mean(&|one| (length(one, 0) - x) * (length(one, 1) - y))?;
+    Some(Spread {
+        length: [x.exp(), y.exp()],
+        deviation: variances.map(f64::sqrt),
+        correlation: (own(0, 1)? + both) / (variances[0] * variances[1]).sqrt(),
     })
 }
 
@@ -181,9 +210,7 @@ impl Tried {
     /// How many times the squares of what is left of so many widths are what their deviations make of them, but not less than one. What was known
     /// beforehand counts neither among what is left nor as what it fits: where it is vague it always fits.
     fn worse(&self, widths: usize, known: &Known) -> f64 {
-        let by_widths: f64 = (Spot::before(known).1.iter().enumerate())
-            .map(|(i, weight)| 1.0 - weight * self.covariance[(i, i)])
-            .sum();
+        let by_widths = SPOT as f64 - (Spot::before(known).1 * self.covariance).trace();
         // Two widths and how askew they are, less what they tell, and less where the vertex is.
         let free = (3 * widths) as f64 - by_widths - 1.0;
         (self.spot.misfit / free.max(1.0)).max(1.0)
@@ -239,16 +266,19 @@ type Seen = (f64, f64, SVector<f64, SPOT>);
 
 impl Spot {
     /// What is known beforehand, and its weights.
-    fn before(known: &Known) -> (SVector<f64, SPOT>, SVector<f64, SPOT>) {
+    fn before(known: &Known) -> (SVector<f64, SPOT>, SMatrix<f64, SPOT, SPOT>) {
         let middle = known.spread.middle();
         let [a, b] = known.spread.length.map(f64::ln);
         let [x, y] = known.squared.map(|squared| (squared * middle).ln());
         let [rough, turned] = [TUNING.width.roughly, TUNING.width.turned].map(|d| d.powi(-2));
-        let [v, w] = known.spread.deviation.map(|deviation| deviation.powi(-2));
-        (
-            SVector::from([x - a, y - b, a, b, 0.0, 0.0]),
-            SVector::from([rough, rough, v, w, turned, turned]),
-        )
+        let mut weights =
+            SMatrix::from_diagonal(&SVector::from([rough, rough, 0.0, 0.0, turned, turned]));
+        let lengths = known.spread.covariance().try_inverse();
+        let lengths = lengths.unwrap_or_else(Matrix2::zeros);
+        weights
+            .fixed_view_mut::<2, 2>(LENGTH, LENGTH)
+            .copy_from(&lengths);
+        (SVector::from([x - a, y - b, a, b, 0.0, 0.0]), weights)
     }
 
     fn first(known: &Known) -> Self {
@@ -279,8 +309,8 @@ impl Spot {
         };
         for step in 0.. {
             let off = before - self.at;
-            let mut matrix = SMatrix::from_diagonal(&weights);
-            let mut pull = off.component_mul(&weights);
+            let mut matrix = weights;
+            let mut pull = weights * off;
             let (surprise, mut misfit) = (off.dot(&pull), 0.0);
             for (left, weight, row) in widths.iter().flat_map(|width| self.seen(width, vertex)) {
                 matrix += row * row.transpose() * weight;
@@ -304,7 +334,8 @@ impl Spot {
         let [d, e] = radii.map(|radius| (radius + spreads / radius).recip());
         let more = |radius: f64, d: f64| (spreads / radius - radius) * d * d;
         let (of_d, of_e) = (more(radii[0], d), more(radii[1], e));
-        let [x, y] = [self.at[LENGTH], self.at[LENGTH + 1]].map(|length| self.middle / length.exp());
+        let [x, y] =
+            [self.at[LENGTH], self.at[LENGTH + 1]].map(|length| self.middle / length.exp());
         let both = (x * y).sqrt();
         let [(sin_x, cos_x), (sin_y, cos_y)] = [self.at[4].sin_cos(), self.at[5].sin_cos()];
         let along_x = x * (cos_x * cos_x * d + sin_x * sin_x * e);

@@ -22,6 +22,9 @@ use pigtail_numerics::rounded;
 use pigtail_twin::Specimen;
 use serde_json::{Map, Value, json};
 
+/// Lengths along x and y (metres), standard deviations of their logarithms, and the correlation of these where it counts.
+type Lengths = ([f64; 2], [f64; 2], Option<f64>);
+
 /// How the first fiber ended that was not aligned, if there is one, to go on with after what that prevented.
 fn ended(fibers: &[FiberReport]) -> String {
     let ended = fibers.iter().find(|fiber| !fiber.outcome.is_aligned());
@@ -449,7 +452,7 @@ impl Bench<'_, '_> {
         let before = std::mem::take(&mut self.setup.rig.calibration.spot);
         let told = self.until_known(|fiber| fiber.spot, SpotSize::of_all, SpotSize::is_known);
         self.setup.rig.calibration.spot = before;
-        let found = told?.map(|found| found.map(|spot| (spot.radius, spot.deviation)));
+        let found = told?.map(|found| found.map(|spot| (spot.radius, spot.deviation, None)));
         let why = |side: Side| format!("no spot of {} was seen", side.name());
         self.believe_lengths("spot", ("um", 1e6, 1e-4), found, Map::new(), why)
     }
@@ -466,7 +469,8 @@ impl Bench<'_, '_> {
         let before = std::mem::take(&mut self.setup.rig.calibration.spread);
         let told = self.until_known(|fiber| fiber.spread, Spread::of_all, Spread::is_well_known);
         self.setup.rig.calibration.spread = before;
-        let found = told?.map(|found| found.map(|spread| (spread.length, spread.deviation)));
+        let lengths = |spread: Spread| (spread.length, spread.deviation, Some(spread.correlation));
+        let found = told?.map(|found| found.map(lengths));
         let why = |side: Side| format!("no spot of {} told how light spreads", side.name());
         self.believe_lengths("spread", ("nm", 1e9, 1e-2), found, values, why)
     }
@@ -497,18 +501,19 @@ impl Bench<'_, '_> {
     }
 
     /// Believes what was found of both micros: lengths along x and y in the micro's own scale (metres), with the standard deviations of their
-    /// logarithms; written in a unit, of which a metre has so many, to a step of it. `why` says what a side that told nothing lacks.
+    /// logarithms and where that counts by how much these err alike; written in a unit, of which a metre has so many, to a step of it. `why` says what a
+    /// side that told nothing lacks.
     fn believe_lengths(
         &mut self,
         table: &str,
         (unit, metre, step): (&str, f64, f64),
-        found: [Option<([f64; 2], [f64; 2])>; SIDES],
+        found: [Option<Lengths>; SIDES],
         mut values: Map<String, Value>,
         why: impl Fn(Side) -> String,
     ) -> Result<Found, NotDone> {
         let mut failed = String::new();
         for (side, found) in Side::ALL.into_iter().zip(found) {
-            let Some((lengths, deviations)) = found else {
+            let Some((lengths, deviations, correlation)) = found else {
                 if failed.is_empty() {
                     failed = why(side) + &ended(&self.aligned.0);
                 }
@@ -516,25 +521,31 @@ impl Bench<'_, '_> {
             };
             let [x, y] = lengths.map(|length| rounded(metre * length, step));
             let [of_x, of_y] = deviations.map(|deviation| rounded(deviation, 1e-5));
-            let told = [
+            let mut told = Map::from_iter([
                 (format!("x_{unit}"), json!(x)),
                 (format!("y_{unit}"), json!(y)),
                 ("deviation_x".to_owned(), json!(of_x)),
                 ("deviation_y".to_owned(), json!(of_y)),
-            ];
-            values.insert(side.name().to_owned(), Value::Object(Map::from_iter(told)));
+            ]);
             let origin = self.origin(&format!("{table}, {}", side.name()));
             let length = |value: f64| toml_edit::value(format!("{value} {unit}"));
+            let mut believed = vec![
+                ("x", length(x)),
+                ("y", length(y)),
+                ("deviation_x", toml_edit::value(of_x)),
+                ("deviation_y", toml_edit::value(of_y)),
+            ];
+            if let Some(correlation) = correlation {
+                let alike = rounded(correlation.clamp(0.0, 1.0), 1e-4);
+                told.insert("correlation".to_owned(), json!(alike));
+                believed.push(("correlation", toml_edit::value(alike)));
+            }
+            values.insert(side.name().to_owned(), Value::Object(told));
+            believed.push(("date", toml_edit::value(&self.plan.date)));
+            believed.push(("origin", toml_edit::value(origin)));
             self.believe(Change {
                 table: format!("{table}.{}", side.name()),
-                values: vec![
-                    ("x", length(x)),
-                    ("y", length(y)),
-                    ("deviation_x", toml_edit::value(of_x)),
-                    ("deviation_y", toml_edit::value(of_y)),
-                    ("date", toml_edit::value(&self.plan.date)),
-                    ("origin", toml_edit::value(origin)),
-                ],
+                values: believed,
                 weights: None,
             })?;
         }
