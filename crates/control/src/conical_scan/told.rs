@@ -62,16 +62,17 @@ impl ConicalScan<'_> {
         Ok(width)
     }
 
-    /// By how much the light of the last `share` of a turn differs from that of `peak`, rms, beside its
-    /// noise and what a tip makes of it that shakes as it was measured to; of its light at `gap`.
+    /// By how much the light of the last `share` of a turn differs from that of `peak`, rms, beside its noise, what a tip makes of it that shakes as it was
+    /// measured to, and how unsteady it was by itself on the wide circle: that is not the shape of a peak. Of its light at `gap`.
     pub(super) fn misfit(&mut self, peak: &Peak, gap: f64, share: f64) -> f64 {
         let light = peak.full * self.beam.share(gap);
-        let shakes = light * self.scatters(self.shaking.measured_before(), gap);
+        let shakes = self.scatters(self.shaking.measured_before(), gap);
+        let unsteady = self.unsteady_before(gap) * (-self.radius * self.radius).exp();
+        let noise = self.swings_by_noise(light).hypot(light * shakes.max(unsteady));
         let readings: &[Reading] = self.readings.make_contiguous();
         let n = (share * readings.len() as f64).round().max(2.0);
         let readings = &readings[readings.len().saturating_sub(n as usize)..];
-        let noise = self.watch.noise.powi(2) + shakes * shakes;
-        let most = noise * (1.0 + 4.0 * (2.0 / n).sqrt());
+        let most = noise * noise * (1.0 + 4.0 * (2.0 / n).sqrt());
         let rest = (self.beam.misfit(readings, peak) / n - most).max(0.0);
         rest.sqrt() / light
     }
@@ -128,10 +129,13 @@ impl ConicalScan<'_> {
     /// it does, several times within a turn.
     pub(super) fn no_swing_as_before(&self, peak: &Peak, gap: f64) -> f64 {
         let light = peak.full * self.beam.share(gap);
-        // What a place that scatters by so much makes of the light on that circle, as a share of it.
-        let unsteady = 2.0 * self.shape.radius * self.shaking.on_wide() / self.beam.width(gap);
-        let noise = self.swings_by_noise(light).hypot(unsteady * light);
+        let noise = self.swings_by_noise(light).hypot(self.unsteady_before(gap) * light);
         self.passes_for_swing(noise, gap, light)
+    }
+
+    /// How unsteady light was on the wide circle, as a share of it: what a place makes of it that scatters by so much.
+    fn unsteady_before(&self, gap: f64) -> f64 {
+        2.0 * self.shape.radius * self.shaking.on_wide() / self.beam.width(gap)
     }
 
     fn passes_for_swing(&self, noise: f64, gap: f64, light: f64) -> f64 {
