@@ -383,10 +383,16 @@ impl Shared<'_> {
         let hides = cell.spec().guard.windup_z;
         let speed = TUNING.gap.slowly;
         scan.set_radius(self.fast.conical_scan.radius);
-        // All gaps on one way towards the chip: what a transmission hides then is the same.
-        along(cell, aim, scan, -length - hides, speed).await?;
+        // All gaps on one way towards the chip: what a transmission hides then is the same. A servo that comes to the end of a way goes back by some counts
+        // of it and on again, of which the output goes nothing.
+        let on = TUNING.rise.on;
+        along(cell, aim, scan, -length - hides - on, speed).await?;
         along(cell, aim, scan, hides, speed).await?;
-        let mut seen = Vec::new();
+        for _ in 0..TUNING.rise.waits {
+            lead(cell, aim, scan).await?;
+        }
+        along(cell, aim, scan, on, speed).await?;
+        let (mut seen, mut nearest) = (Vec::new(), f64::INFINITY);
         for step in 0..=TUNING.rise.steps {
             if step > 0 {
                 let way = length / f64::from(TUNING.rise.steps);
@@ -398,8 +404,13 @@ impl Shared<'_> {
                 let Some(peak) = scan.clear_peak() else {
                     return Ok(None);
                 };
+                let gap = aim.gap_by_encoders(cell);
+                nearest = gap.min(nearest);
+                if gap > nearest + TUNING.rise.back {
+                    return Ok(None);
+                }
                 seen.push(Seen {
-                    gap: aim.gap_by_encoders(cell),
+                    gap,
                     light: peak.full.ln(),
                     deviation: (peak.full_deviation / peak.full).hypot(scan.flicker().deviation()),
                 });

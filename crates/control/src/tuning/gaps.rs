@@ -167,6 +167,12 @@ topic! {
         steps: u32 = 6, "1", Choice;
         /// So many turns at each gap, beside one to come there.
         turns: u32 = 2, "turns", Choice;
+        /// So many turns before the first one, in which a servo comes to rest whose axis goes back by some counts...
+        waits: u32 = 4, "turns", Choice;
+        /// ...and so far on from there: a servo was seen to go back by 0.25 um, of which its output went nothing.
+        on: f64 = 0.3e-6, "m", Choice;
+        /// An axis that goes back by more on its way along the ripple, of which a transmission hides all, tells nothing of it: two counts, a tenth of a ripple.
+        back: f64 = 0.1e-6, "m", Choice;
         /// How much more or less light may fall with the gap than by design, as a share of that.
         falls: f64 = 0.5, "1", Choice;
         /// What a transmission may keep to itself of the small steps of an axis that goes on in one direction, standard deviation.
