@@ -8,8 +8,8 @@
 use super::bent::NAMES;
 use super::other::{moves, symmetric};
 use super::slides::Slides;
-use super::{Equations, Method, Record, Settings, Variant};
-use pigtail_numerics::regression::{least_squares, over, tolerance};
+use super::{Equations, Method, Moved, Record, Settings, Variant, check, supported};
+use pigtail_numerics::regression::{least_squares, over, tolerance, without_attenuation};
 use pigtail_numerics::signal::quantile;
 
 /// Deviations by which two fits to one record differ by chance once in twenty times.
@@ -20,19 +20,23 @@ const OWN: f64 = 1e-4;
 
 /// Makes parameters less sure by what fewer equations say otherwise, and tells so.
 pub(super) fn fewer(
-    record: &Record,
+    (record, moved): (&Record, &Moved),
     set: &Settings,
     columns: &Equations,
     variants: &mut [Variant],
 ) -> Vec<String> {
-    let standing = standing(columns, variants);
-    let coarser = coarser(record, set, columns, variants);
+    // A delay is told where the axis slides alone.
+    let standing = match supported(variants) {
+        Method::Delayed => None,
+        _ => standing(columns, variants),
+    };
+    let coarser = coarser((record, moved), set, columns, variants);
     standing.into_iter().chain(coarser).collect()
 }
 
 /// By what equations half as many say otherwise.
 fn coarser(
-    record: &Record,
+    (record, moved): (&Record, &Moved),
     set: &Settings,
     columns: &Equations,
     variants: &mut [Variant],
@@ -43,9 +47,12 @@ fn coarser(
         decimate: Some(2 * set.factor(period)),
         ..*set
     };
-    let mut others = Equations::of(record, &half);
+    let half_moved = Moved::of(record, &half);
+    let mut others = half_moved.equations(record, &half);
     others.retain(&there(&columns.time, &others.time)?);
-    let any = less_sure(&said(columns)?, &said(&others)?, variants, |_| true);
+    let noise = [(moved, set), (&half_moved, &half)].map(|(m, s)| check::acceleration_noise(m, s));
+    let [all, fewer] = [said(columns, noise[0])?, said(&others, noise[1])?];
+    let any = less_sure(&all, &fewer, variants, |_| true);
     any.then(|| {
         "equations twice as far apart say otherwise than all of them: filters smear what friction does where it turns or stops, and \
          parameters are less sure by that"
@@ -113,10 +120,11 @@ fn there(kept: &[f64], coarser: &[f64]) -> Option<Vec<bool>> {
     (steps.len() > 1).then(|| coarser.iter().map(is_near).collect())
 }
 
-/// Values and deviations by equations that have no turn near them.
-fn said(columns: &Equations) -> Option<(Vec<f64>, Vec<f64>)> {
+/// Values and deviations by equations that have no turn near them, what the position's noise takes of an inertia given back.
+fn said(columns: &Equations, noise: f64) -> Option<(Vec<f64>, Vec<f64>)> {
     let Slides { x, force, .. } = Slides::of(columns, 0)?;
     let told = (0..x.ncols()).all(|j| tolerance(&x, j) > OWN);
-    let found = told.then(|| least_squares(&x, &force))??;
+    let mut found = told.then(|| least_squares(&x, &force))??;
+    without_attenuation(&x, |_| true, 0, noise, &mut found);
     Some((found.values, found.std_correlated))
 }
