@@ -43,6 +43,30 @@ pub(crate) fn sled(seed: u64, seconds: f64) -> Vec<[f64; 4]> {
 fn driven(seed: u64, seconds: f64, added: impl Fn(f64) -> f64) -> Vec<[f64; 4]> {
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
     let phase: Vec<f64> = (0..3).map(|_| rng.random_range(0.0..6.0)).collect();
+    let reference = |t: f64| {
+        0.08 * (1.9 * t + phase[0]).sin()
+            + 0.03 * (5.3 * t + phase[1]).sin()
+            + 0.004 * (17.0 * t + phase[2]).sin()
+    };
+    follows(&mut rng, seconds, reference, added)
+}
+
+/// A way of a tenth of a metre there in 0.35 of so many seconds, from rest to rest, and back after half of them.
+fn there_and_back(t: f64, seconds: f64) -> f64 {
+    let share = (t / seconds).rem_euclid(1.0);
+    let way = |x: f64| {
+        let x = x.clamp(0.0, 1.0);
+        x.powi(3) * (10.0 - 15.0 * x + 6.0 * x * x)
+    };
+    0.1 * (way(share / 0.35) - way((share - 0.5) / 0.35))
+}
+
+fn follows(
+    rng: &mut Pcg64Mcg,
+    seconds: f64,
+    reference: impl Fn(f64) -> f64,
+    added: impl Fn(f64) -> f64,
+) -> Vec<[f64; 4]> {
     let fine = 10;
     let n = (seconds / PERIOD) as usize;
     let mut state = (0.0, 0.0);
@@ -50,15 +74,13 @@ fn driven(seed: u64, seconds: f64, added: impl Fn(f64) -> f64) -> Vec<[f64; 4]> 
     let (mut last, mut voltage) = (0.0, 0.0);
     for k in 0..n * fine {
         let t = k as f64 * PERIOD / fine as f64;
-        let r = 0.08 * (1.9 * t + phase[0]).sin()
-            + 0.03 * (5.3 * t + phase[1]).sin()
-            + 0.004 * (17.0 * t + phase[2]).sin();
+        let r = reference(t);
         if k == 0 {
             state.0 = r;
             last = r;
         }
         if k % fine == 0 {
-            let seen = state.0 + 5e-7 * normal(&mut rng);
+            let seen = state.0 + 5e-7 * normal(rng);
             let own = (243.0 * (160.0 * (r - seen) - (seen - last) / PERIOD)).clamp(-10.0, 10.0);
             voltage = own + added(t);
             last = seen;
@@ -243,6 +265,111 @@ fn what_was_injected_is_told_and_replayed() {
             assert!(
                 with < 0.3 && with < 0.3 * without,
                 "{within} {column}: {with} for {without}"
+            );
+        }
+    }
+}
+
+/// Parameters that are told are off by no more than 2.6 of their deviations, which is chance once in a hundred times.
+fn as_sure_as_said(name: &str, csv: &str, set: &Settings, injected: Option<&str>) -> String {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("r.csv");
+    fs::write(&path, csv).expect("a file");
+    let roles = Roles {
+        time: None,
+        rate: None,
+        reference: Some(Named::new("r_m")),
+        position: Named::new("q_m"),
+        voltage: Named::new("u_V"),
+        injected: injected.map(Named::new),
+    };
+    let read = roles.read(&path).expect("a record");
+    let answer = servo(&read, None, set, (Friction::Symmetric, None)).answer;
+    for ((parameter, _), is) in answer.parameters.iter().zip(MADE.values) {
+        if let Some(known) = parameter.known {
+            let off = (known.value - is) / known.std_correlated;
+            eprintln!("{name}: {} {known:?}, {off:.1} off", parameter.name);
+            assert!(off.abs() < 2.6, "{name}: {} {known:?}", parameter.name);
+        }
+    }
+    answer.remarks.join(" | ")
+}
+
+/// What is written beside a voltage as added to it came through a filter, late, or overshoots: the voltage lacks what is not told.
+#[test]
+fn what_was_injected_otherwise_than_it_is_written_makes_nothing_surely_wrong() {
+    let added = |t: f64| if (1.7 * t).fract() < 0.5 { 0.6 } else { -0.6 };
+    let dense = driven(21, 20.0, added);
+    let times: Vec<f64> = (0..20_000).map(|k| f64::from(k) * PERIOD).collect();
+    let rows = read_at(&dense, &times, &times, 22);
+    let written = |next: &mut dyn FnMut(f64) -> f64| {
+        let mut text = "t_s,r_m,q_m,u_V,added_V\n".to_owned();
+        for [t, r, q, u] in &rows {
+            let v = added(*t);
+            let _ = writeln!(text, "{t:.7},{r:.9},{q:.9},{:.6},{:.6}", u - v, next(v));
+        }
+        text
+    };
+    let mut late = [0.0; 4];
+    let two = written(&mut |v| {
+        late.rotate_right(1);
+        late[0] = v;
+        late[2]
+    });
+    let otherwise = "what was injected moved the axis";
+    let said = as_sure_as_said("two rows late", &two, &Settings::new(35.0), Some("added_V"));
+    assert!(said.contains(otherwise), "two rows late: {said}");
+    let mut held = 0.0;
+    let pole = written(&mut |v| {
+        held += (v - held) / 5.0;
+        held
+    });
+    as_sure_as_said(
+        "behind a pole",
+        &pole,
+        &Settings::new(35.0),
+        Some("added_V"),
+    );
+    let [mut is, mut rate] = [0.0, 0.0];
+    let overshoots = written(&mut |v| {
+        rate += 0.33 * (0.33 * (v - is) - 0.7 * rate);
+        is += rate;
+        is
+    });
+    as_sure_as_said(
+        "overshoots",
+        &overshoots,
+        &Settings::new(35.0),
+        Some("added_V"),
+    );
+    let said = as_sure_as_said(
+        "as it is",
+        &written(&mut |v| v),
+        &Settings::new(35.0),
+        Some("added_V"),
+    );
+    assert!(!said.contains(otherwise), "as it is: {said}");
+}
+
+/// Where an axis makes short moves from rest to rest its columns tell each other, and what filters smear of its friction counts the more.
+#[test]
+fn short_moves_are_as_sure_as_they_say() {
+    for seed in 31..35 {
+        let mut rng = Pcg64Mcg::seed_from_u64(seed);
+        let long = rng.random_range(1.9..3.0);
+        let dense = follows(&mut rng, 19.0, |t| there_and_back(t, long), |_| 0.0);
+        let times: Vec<f64> = (0..19_000).map(|k| f64::from(k) * PERIOD).collect();
+        let csv = text(&read_at(&dense, &times, &times, seed + 10));
+        for cutoff in [None, Some(50.0), Some(25.0)] {
+            let set = Settings {
+                cutoff,
+                ..Settings::new(MADE.force_per_volt)
+            };
+            as_sure_as_said(
+                &format!("moves of {long:.2} s, {cutoff:?}"),
+                &csv,
+                &set,
+                None,
             );
         }
     }

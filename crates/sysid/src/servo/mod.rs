@@ -21,6 +21,7 @@ mod clipped;
 mod controller;
 mod doubtful;
 mod equations;
+mod fewer;
 mod injected;
 mod motion;
 mod other;
@@ -260,6 +261,7 @@ pub fn identify(
     bent::bent(&columns, cut, &mut variants, &mut unknown, &mut remarks);
     remarks.extend(slides::unsteady(&columns, &mut variants, &mut unknown));
     remarks.extend(agree::agree(&columns, &mut variants));
+    remarks.extend(fewer::fewer((record, moved), set, &columns, &mut variants));
     let supported = supported(&variants);
     let noise = check::acceleration_noise(moved, set);
     let (all, unknowns) = (&mut variants, &mut unknown);

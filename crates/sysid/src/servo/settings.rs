@@ -71,6 +71,9 @@ fn usual(period: f64) -> f64 {
 /// Times the usual cutoff, from the finest on, that are tried: the first lets through nearly all that rows resolve.
 const TRIED: [f64; 7] = [4.5, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125];
 
+/// Share by which a period that stamps tell may be another one.
+const ROUNDED: f64 = 1e-3;
+
 /// Settings under which the noise of the position is next to nothing beside the acceleration: noise in what a force
 /// is told by makes an inertia too small. Where rows are so far apart that the usual filter reaches over a good part of a way from turn to turn,
 /// it smears the step of friction over it: the finest that leaves noise that small is taken, below what is usual for rows
@@ -89,7 +92,8 @@ pub(super) fn quiet(
     let mut found = None;
     for (k, times) in TRIED.iter().enumerate() {
         let cutoff = times * usual;
-        if cutoff > MOST {
+        // Periods that stamps tell differ in their last digits.
+        if *times > 1.0 && cutoff > (1.0 - ROUNDED) * MOST {
             continue;
         }
         quiet.cutoff = Some(cutoff);
@@ -109,4 +113,23 @@ pub(super) fn quiet(
         ));
     }
     (quiet, moved)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Record, Settings, quiet};
+    use crate::timeline;
+
+    /// Stamps are rounded, and a period is never 2 ms to the last digit.
+    #[test]
+    fn rows_of_two_milliseconds_are_filtered_as_finely_whatever_their_last_digit() {
+        for period in [2e-3, 2e-3 * (1.0 + 1e-7), 2e-3 * (1.0 - 1e-7)] {
+            let time: Vec<f64> = (0..4000).map(|k| period * f64::from(k)).collect();
+            let position: Vec<f64> = time.iter().map(|t| 0.1 * (7.0 * t).sin()).collect();
+            let even = timeline::even(&time, &[&position, &position]).expect("an even grid");
+            let record = Record::new(even, false);
+            let (set, _) = quiet(&record, &Settings::new(1.0), &mut Vec::new());
+            assert!(!set.is_fine(period), "{period}: {set:?}");
+        }
+    }
 }
