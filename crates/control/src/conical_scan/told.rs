@@ -68,7 +68,9 @@ impl ConicalScan<'_> {
         let light = peak.full * self.beam.share(gap);
         let shakes = self.scatters(self.shaking.measured_before(), gap);
         let unsteady = self.unsteady_before(gap) * (-self.radius * self.radius).exp();
-        let noise = self.swings_by_noise(light).hypot(light * shakes.max(unsteady));
+        let noise = self
+            .swings_by_noise(light)
+            .hypot(light * shakes.max(unsteady));
         let readings: &[Reading] = self.readings.make_contiguous();
         let n = (share * readings.len() as f64).round().max(2.0);
         let readings = &readings[readings.len().saturating_sub(n as usize)..];
@@ -129,7 +131,9 @@ impl ConicalScan<'_> {
     /// it does, several times within a turn.
     pub(super) fn no_swing_as_before(&self, peak: &Peak, gap: f64) -> f64 {
         let light = peak.full * self.beam.share(gap);
-        let noise = self.swings_by_noise(light).hypot(self.unsteady_before(gap) * light);
+        let noise = self
+            .swings_by_noise(light)
+            .hypot(self.unsteady_before(gap) * light);
         self.passes_for_swing(noise, gap, light)
     }
 
