@@ -86,9 +86,7 @@ pub(crate) struct Found {
 pub(crate) struct Top {
     /// Its holder.
     holder: Point<Macro>,
-    /// Its tip, as vision placed it but for the way up.
-    tip: Point<Chip>,
-    /// How far it was placed from the facet, metres.
+    /// How far vision placed its tip from the facet, metres.
     gap: f64,
 }
 
@@ -398,7 +396,6 @@ impl Job<'_> {
         let gap = out + guard.clearance + 2.0 * TUNING.gap.upward + nearer;
         let gap = gap.max(recipe.raster.gap);
         self.place(cell, side, Tip::Sensing, start, gap).await?;
-        let lowest = cell.wanted(side);
         edge_from_below(
             cell,
             &recipe.sensing,
@@ -408,8 +405,7 @@ impl Job<'_> {
         )
         .await?;
         let holder = cell.wanted(side);
-        let tip = start.shifted(0.0, holder.y - lowest.y, 0.0);
-        Ok(Top { holder, tip, gap })
+        Ok(Top { holder, gap })
     }
 
     /// How far the facet of the first output may stand out before a sensing fiber that was placed by vision and is so far aside of there, metres.
@@ -419,8 +415,8 @@ impl Job<'_> {
             .stands_out(cell.spec(), self.walk(), bound + aside)
     }
 
-    /// Has the sensing fiber stand so far aside of where it passed the chip's top, metres. Where its joints may let out so much as they turn that
-    /// the facet may stand out as far as the fiber is from it, it is placed by vision again.
+    /// Has the sensing fiber stand so far aside of where it passed the chip's top, metres. What its joints let out as they turn it goes straight back
+    /// before, as far as the facet may stand out then.
     pub(crate) async fn beside_top(
         &self,
         cell: &AlignmentCell<'_>,
@@ -430,13 +426,17 @@ impl Job<'_> {
         let guard = &cell.spec().guard;
         let let_out = TUNING.gap.turns_back * guard.windup;
         let out = self.out_before_sensing(cell, aside.abs() + let_out);
-        if out + guard.clearance < top.gap {
-            let there = top.holder.shifted(aside, 0.0, 0.0);
+        let nearer = out + guard.clearance - top.gap;
+        let there = top.holder.shifted(aside, 0.0, 0.0);
+        if nearer <= 0.0 {
             return self.arrive(cell, Side::Right, there).await;
         }
-        let there = top.tip.shifted(aside, 0.0, 0.0);
-        self.place(cell, Side::Right, Tip::Sensing, there, top.gap)
-            .await
+        let here = cell.wanted(Side::Right);
+        let back = there.shifted(0.0, 0.0, -nearer);
+        let away = Point::new(here.x, here.y, back.z);
+        cell.line(Side::Right, away, None).await?;
+        self.arrive(cell, Side::Right, back).await?;
+        cell.line(Side::Right, there, None).await
     }
 
     /// Rasters from where the fiber stands, one pass after the other until there is light. What the `sensing` fiber is to see is looked for wherever

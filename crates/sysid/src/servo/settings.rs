@@ -129,7 +129,7 @@ mod tests {
             let even = timeline::even(&time, &[&position, &position]).expect("an even grid");
             let record = Record::new(even, false);
             let (set, _) = quiet(&record, &Settings::new(1.0), &mut Vec::new());
-            assert!(!set.is_fine(period), "{period}: {set:?}");
+            assert!(!set.is_fine(record.even.period), "{period}: {set:?}");
         }
     }
 }
