@@ -487,6 +487,14 @@ impl Calibration {
                 })?;
             }
         }
+        for side in Side::ALL {
+            let spread = calibration.spread.of(side).map(|spread| spread.correlation);
+            if let Some(correlation) = spread.filter(|correlation| *correlation > 1.0) {
+                let key = format!("spread.{}.correlation", side.name());
+                let message = format!("is {correlation}; accepted is 0 to 1");
+                return Err(Error::new(file, key, message));
+            }
+        }
         crate::kinematics::check_workspace(&calibration.geometry.five_bar, spec)
             .map_err(|message| Error::new(file, "geometry.five_bar", message))?;
         Ok(calibration)
@@ -524,5 +532,31 @@ mod tests {
         assert_eq!(table(Side::Left, Axis::B), "windup.five_bar");
         assert_eq!(table(Side::Right, Axis::B), "windup.right.b");
         assert_eq!(table(Side::Left, Axis::Z), "windup.z");
+    }
+
+    #[test]
+    fn lengths_err_alike_wholly_at_most() {
+        let rig = |name: &str| {
+            let file = format!("{}/../../rigs/afpm/{name}", env!("CARGO_MANIFEST_DIR"));
+            std::fs::read_to_string(file).expect("the rig is there")
+        };
+        let spec = config::parse::<Spec>("machine.toml", &rig("machine.toml")).expect("it is good");
+        let parsed = |correlation: &str| {
+            let spread = format!(
+                "\n[spread.left]\nx = \"0.2 um\"\ny = \"0.2 um\"\ndeviation_x = 0.01\ndeviation_y = 0.01\n{correlation}date = \"\"\norigin = \"\"\n"
+            );
+            Calibration::parse(
+                "calibration.toml",
+                &(rig("calibration.toml") + &spread),
+                &spec,
+            )
+        };
+        let alike =
+            |calibration: Calibration| calibration.spread.of(Side::Left).map(|s| s.correlation);
+        assert_eq!(parsed("").map(alike), Ok(Some(1.0)));
+        assert_eq!(parsed("correlation = 0.2\n").map(alike), Ok(Some(0.2)));
+        let wrong = parsed("correlation = 2.0\n").expect_err("more than wholly");
+        assert_eq!(wrong.key, "spread.left.correlation");
+        assert!(wrong.message.contains("accepted is 0 to 1"), "{wrong}");
     }
 }
