@@ -171,7 +171,7 @@ topic! {
         waits: u32 = 4, "turns", Choice;
         /// ...and so far on from there: a servo was seen to go back by 0.25 um, of which its output went nothing.
         on: f64 = 0.3e-6, "m", Choice;
-        /// An axis that goes back by more on its way along the ripple, of which a transmission hides all, tells nothing of it: two counts, a tenth of a ripple.
+        /// An axis that goes back by more on its way along the ripple, of which a transmission hides all, tells nothing of it: a sixth of a ripple.
         back: f64 = 0.1e-6, "m", Choice;
         /// How much more or less light may fall with the gap than by design, as a share of that.
         falls: f64 = 0.5, "1", Choice;
