@@ -10,6 +10,15 @@ use rand::{RngExt, SeedableRng};
 use std::fs;
 use tempfile::TempDir;
 
+/// What made records that turn are made by, in the joint's units.
+const MADE_BY: [(&str, f64); 5] = [
+    ("inertia", 0.02),
+    ("viscous_friction_forward", 0.15),
+    ("viscous_friction_backward", 0.25),
+    ("coulomb_friction_forward", 0.4),
+    ("coulomb_friction_backward", 0.5),
+];
+
 #[test]
 fn a_known_axis_is_found_by_every_method() {
     for (seed, method) in [
@@ -22,13 +31,7 @@ fn a_known_axis_is_found_by_every_method() {
         let (json, code) =
             identify_turning(&record, &["--friction", "asymmetric", "--method", method]);
         assert_eq!(code, 0, "{json}");
-        for (name, is) in [
-            ("inertia", 0.02),
-            ("viscous_friction_forward", 0.15),
-            ("viscous_friction_backward", 0.25),
-            ("coulomb_friction_forward", 0.4),
-            ("coulomb_friction_backward", 0.5),
-        ] {
+        for (name, is) in MADE_BY {
             near(value(&json, name).expect("known"), is, 5.0);
         }
         assert_eq!(json["best"]["friction"], "asymmetric");
@@ -51,13 +54,7 @@ fn a_servo_record_with_few_rows_is_as_right_as_it_says() {
         &["--friction", "asymmetric", "--method", "delayed"],
     );
     assert_eq!(code, 0, "{json}");
-    for (name, is) in [
-        ("inertia", 0.02),
-        ("viscous_friction_forward", 0.15),
-        ("viscous_friction_backward", 0.25),
-        ("coulomb_friction_forward", 0.4),
-        ("coulomb_friction_backward", 0.5),
-    ] {
+    for (name, is) in MADE_BY {
         let deviation = number(&json["parameters"][name], "std_correlated");
         let off = value(&json, name).expect("known") - is;
         assert!(off.abs() < 3.0 * deviation, "{name}: {off} by {deviation}");

@@ -533,30 +533,4 @@ mod tests {
         assert_eq!(table(Side::Right, Axis::B), "windup.right.b");
         assert_eq!(table(Side::Left, Axis::Z), "windup.z");
     }
-
-    #[test]
-    fn lengths_err_alike_wholly_at_most() {
-        let rig = |name: &str| {
-            let file = format!("{}/../../rigs/afpm/{name}", env!("CARGO_MANIFEST_DIR"));
-            std::fs::read_to_string(file).expect("the rig is there")
-        };
-        let spec = config::parse::<Spec>("machine.toml", &rig("machine.toml")).expect("it is good");
-        let parsed = |correlation: &str| {
-            let spread = format!(
-                "\n[spread.left]\nx = \"0.2 um\"\ny = \"0.2 um\"\ndeviation_x = 0.01\ndeviation_y = 0.01\n{correlation}date = \"\"\norigin = \"\"\n"
-            );
-            Calibration::parse(
-                "calibration.toml",
-                &(rig("calibration.toml") + &spread),
-                &spec,
-            )
-        };
-        let alike =
-            |calibration: Calibration| calibration.spread.of(Side::Left).map(|s| s.correlation);
-        assert_eq!(parsed("").map(alike), Ok(Some(1.0)));
-        assert_eq!(parsed("correlation = 0.2\n").map(alike), Ok(Some(0.2)));
-        let wrong = parsed("correlation = 2.0\n").expect_err("more than wholly");
-        assert_eq!(wrong.key, "spread.left.correlation");
-        assert!(wrong.message.contains("accepted is 0 to 1"), "{wrong}");
-    }
 }

@@ -12,7 +12,8 @@ use pigtail_model::windup::ELEMENTS;
 
 const RIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../rigs/afpm/");
 
-fn read(file: &str) -> String {
+/// A file of the default rig.
+pub(crate) fn read(file: &str) -> String {
     std::fs::read_to_string(format!("{RIG}{file}")).expect("the default rig is there")
 }
 

@@ -202,6 +202,18 @@ const EMPS: Truth = Truth {
     tolerance: [0.02, 0.05, 0.05],
 };
 
+/// Which column is which in records of the sled, and which says what was injected.
+fn roles(injected: Option<&str>) -> Roles {
+    Roles {
+        time: None,
+        rate: None,
+        reference: Some(Named::new("r_m")),
+        position: Named::new("q_m"),
+        voltage: Named::new("u_V"),
+        injected: injected.map(Named::new),
+    }
+}
+
 /// Pulses that were added to the voltage: in the recorded one, or beside it, in volts or as a force.
 #[test]
 fn what_was_injected_is_told_and_replayed() {
@@ -225,15 +237,7 @@ fn what_was_injected_is_told_and_replayed() {
             let _ = writeln!(text, "{t:.7},{r:.9},{q:.9},{u:.6},{v},{}", 35.0 * v);
         }
         fs::write(&path, text).expect("a file");
-        let roles = Roles {
-            time: None,
-            rate: None,
-            reference: Some(Named::new("r_m")),
-            position: Named::new("q_m"),
-            voltage: Named::new("u_V"),
-            injected: column.map(Named::new),
-        };
-        let read = roles.read(&path).expect("a record");
+        let read = roles(column).read(&path).expect("a record");
         let found = servo(
             &read,
             None,
@@ -275,15 +279,7 @@ fn as_sure_as_said(name: &str, csv: &str, set: &Settings, injected: Option<&str>
     let folder = tempfile::TempDir::new().expect("a folder");
     let path = folder.path().join("r.csv");
     fs::write(&path, csv).expect("a file");
-    let roles = Roles {
-        time: None,
-        rate: None,
-        reference: Some(Named::new("r_m")),
-        position: Named::new("q_m"),
-        voltage: Named::new("u_V"),
-        injected: injected.map(Named::new),
-    };
-    let read = roles.read(&path).expect("a record");
+    let read = roles(injected).read(&path).expect("a record");
     let answer = servo(&read, None, set, (Friction::Symmetric, None)).answer;
     for ((parameter, _), is) in answer.parameters.iter().zip(MADE.values) {
         if let Some(known) = parameter.known {
@@ -486,15 +482,7 @@ fn a_record_that_was_thinned_smoothed_or_drifts_is_as_sure_as_it_says() {
         let folder = tempfile::TempDir::new().expect("a folder");
         let path = folder.path().join("r.csv");
         fs::write(&path, text(&rows)).expect("a file");
-        let roles = Roles {
-            time: None,
-            rate: None,
-            reference: Some(Named::new("r_m")),
-            position: Named::new("q_m"),
-            voltage: Named::new("u_V"),
-            injected: None,
-        };
-        let read = roles.read(&path).expect("a record");
+        let read = roles(None).read(&path).expect("a record");
         let set = Settings::new(MADE.force_per_volt);
         let answer = servo(&read, None, &set, (Friction::Symmetric, None)).answer;
         for ((parameter, _), is) in answer.parameters.iter().zip(MADE.values) {
