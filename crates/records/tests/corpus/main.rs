@@ -23,6 +23,8 @@ mod map;
 mod piezo;
 #[path = "reader.rs"]
 mod reader;
+#[path = "renumbered.rs"]
+mod renumbered;
 #[path = "resonance.rs"]
 mod resonance;
 #[path = "servo.rs"]

@@ -24,6 +24,7 @@ mod record;
 mod renumbered;
 mod rows;
 mod search;
+mod wander;
 
 pub use record::Record;
 

@@ -7,6 +7,7 @@
 use super::Record;
 use super::rows::off_by;
 use super::search::{own_points, squares};
+use super::wander;
 use crate::Unknown;
 use crate::steady::chi_squared;
 use crate::timeline::counted;
@@ -39,7 +40,7 @@ const UNLIKELY: f64 = 0.05;
 
 /// Frequencies by their number.
 #[derive(Debug, Clone, Copy)]
-struct Numbers {
+pub(super) struct Numbers {
     first: f64,
     step: f64,
     last: f64,
@@ -48,7 +49,7 @@ struct Numbers {
 }
 
 impl Numbers {
-    fn of(frequency: &[f64]) -> Option<Self> {
+    pub(super) fn of(frequency: &[f64]) -> Option<Self> {
         let own = |by_ratio: bool| {
             let places: Vec<f64> = frequency
                 .iter()
@@ -72,7 +73,7 @@ impl Numbers {
         own(false).or_else(|| own(true))
     }
 
-    fn number(&self, frequency: f64) -> f64 {
+    pub(super) fn number(&self, frequency: f64) -> f64 {
         let place = if self.by_ratio {
             frequency.ln()
         } else {
@@ -81,7 +82,7 @@ impl Numbers {
         (place - self.first) / self.step
     }
 
-    fn frequency(&self, number: f64) -> f64 {
+    pub(super) fn frequency(&self, number: f64) -> f64 {
         let place = self.first + self.step * number;
         if self.by_ratio { place.exp() } else { place }
     }
@@ -239,6 +240,7 @@ pub(super) fn open(record: &Record, coded: &[f64]) -> Result<Vec<f64>, (Unknown,
             break;
         }
     }
+    let wanders = wander::open(record, coded, &numbers)?;
     let others = || {
         all.iter().map(|told| {
             let likely = BEFOREHAND / tries * (0.5 * told.gain).exp();
@@ -247,9 +249,14 @@ pub(super) fn open(record: &Record, coded: &[f64]) -> Result<Vec<f64>, (Unknown,
     };
     let likely: f64 = others().map(|(likely, _)| likely).sum();
     if likely / (1.0 + likely) < UNLIKELY {
-        return Ok(none);
+        return Ok(wanders);
     }
-    Ok(off_by(coded, others()))
+    let broken = off_by(coded, others());
+    Ok(broken
+        .iter()
+        .zip(wanders)
+        .map(|(a, b)| a.hypot(b))
+        .collect())
 }
 
 /// What the best breaks say beside those that there are.
