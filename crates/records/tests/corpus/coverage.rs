@@ -5,7 +5,7 @@
 //! records that nobody has seen.
 
 use crate::normal;
-use crate::servo::{PERIOD, Rows, SLED, read_at, sled};
+use crate::servo::{PERIOD, Rows, SLED, follows, read_at, sled, there_and_back};
 use nalgebra::Complex;
 use pigtail_model::frames::Displacement;
 use pigtail_model::windup::{Reversal, ReversalState};
@@ -52,7 +52,7 @@ const fn kind(
 /// Of the whole map, then of the search's readings alone.
 const MAP: &[&str] = &["x", "y", "x searched", "y searched"];
 
-const KINDS: [Kind; 17] = [
+const KINDS: [Kind; 18] = [
     kind("plain", SERVO, servo),
     kind("jitter", SERVO, servo),
     kind("coloured", SERVO, servo),
@@ -60,6 +60,7 @@ const KINDS: [Kind; 17] = [
     kind("drift", SERVO, servo),
     kind("held-drift", SERVO, servo),
     kind("noisy", SERVO, servo),
+    kind("moves", SERVO, servo),
     kind("friction", FRICTION, friction),
     kind("friction-coloured", FRICTION, friction),
     kind("friction-skew", FRICTION, friction),
@@ -86,7 +87,12 @@ fn coloured(n: usize, size: f64, rng: &mut Pcg64Mcg) -> Vec<f64> {
 /// A servo's record of a kind by its number.
 fn of_kind(kind: &str, seed: u64) -> Rows {
     let mut rng = Pcg64Mcg::seed_from_u64(7000 + seed);
-    let dense = sled(20_000 + seed, 12.0);
+    let dense = if kind == "moves" {
+        let long = rng.random_range(1.9..3.0);
+        follows(&mut rng, 12.0, |t| there_and_back(t, long), |_| 0.0)
+    } else {
+        sled(20_000 + seed, 12.0)
+    };
     let times: Vec<f64> = (0..12_000).map(|k| f64::from(k) * PERIOD).collect();
     let mut rows = read_at(&dense, &times, &times, seed);
     // A column as an instrument reads it that looks at other moments.

@@ -52,7 +52,7 @@ fn driven(seed: u64, seconds: f64, added: impl Fn(f64) -> f64) -> Vec<[f64; 4]> 
 }
 
 /// A way of a tenth of a metre there in 0.35 of so many seconds, from rest to rest, and back after half of them.
-fn there_and_back(t: f64, seconds: f64) -> f64 {
+pub(crate) fn there_and_back(t: f64, seconds: f64) -> f64 {
     let share = (t / seconds).rem_euclid(1.0);
     let way = |x: f64| {
         let x = x.clamp(0.0, 1.0);
@@ -61,7 +61,7 @@ fn there_and_back(t: f64, seconds: f64) -> f64 {
     0.1 * (way(share / 0.35) - way((share - 0.5) / 0.35))
 }
 
-fn follows(
+pub(crate) fn follows(
     rng: &mut Pcg64Mcg,
     seconds: f64,
     reference: impl Fn(f64) -> f64,

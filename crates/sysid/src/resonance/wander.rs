@@ -19,6 +19,11 @@ use std::f64::consts::TAU;
 const SIZES: i32 = 14;
 const LARGER: f64 = 2.5;
 
+/// A walk along the curve has to tell so many times what one across it does: of noise that goes with its neighbours both tell alike, and either,
+/// made of few stretches that know nothing of each other, by chance a good part more. Set after 4 of 50 good responses with such noise
+/// had been refused by a difference alone.
+const ACROSS: f64 = 2.0;
+
 /// How likely it is that rows were lost so, of one response whose frequencies go evenly that says nothing of it. A choice.
 const BEFOREHAND: f64 = 0.01;
 
@@ -75,7 +80,7 @@ pub(super) fn open(
         .collect();
     let own = independent(&beside) / beside.len().max(1) as f64;
     let usual = most(&none).map_or(0.0, |w| w.gain.max(0.0));
-    let gain = |walk: &Walk| own * (walk.gain - usual);
+    let gain = |walk: &Walk| own * (walk.gain - ACROSS * usual);
     if gain(&best) > chi_squared(1.0) {
         return Err((wanders(&best, &rows), best.left));
     }

@@ -9,11 +9,13 @@ use super::bent::NAMES;
 use super::other::{moves, symmetric};
 use super::slides::Slides;
 use super::{Equations, Method, Moved, Record, Settings, Variant, check, supported};
-use pigtail_numerics::regression::{least_squares, over, tolerance, without_attenuation};
+use nalgebra::DMatrix;
+use pigtail_numerics::regression::{Solution, least_squares, over, tolerance, without_attenuation};
 use pigtail_numerics::signal::quantile;
+use std::f64::consts::FRAC_PI_2;
 
-/// Deviations by which two fits to one record differ by chance once in twenty times.
-const CHANCE: f64 = 1.96;
+/// Stretches of a record, half of each in the next one: enough to tell a deviation, and long beside what noise remembers.
+const STRETCHES: usize = 32;
 
 /// Least tolerance of a column beside the others.
 const OWN: f64 = 1e-4;
@@ -70,29 +72,84 @@ fn standing(columns: &Equations, variants: &mut [Variant]) -> Option<String> {
     let slides = moves(columns);
     let whole = least_squares(&x, &columns.force)?;
     let moving = over(&x, &columns.force, |i| slides[i])?;
-    let [whole, moving] = [whole, moving].map(|s| (s.values, s.std_correlated));
+    let rows = |of: &dyn Fn(usize) -> bool| (0..x.nrows()).filter(|i| of(*i)).collect::<Vec<_>>();
+    let whole = Told::of(&x, whole, &rows(&|_| true), &columns.time)?;
+    let moving = Told::of(&x, moving, &rows(&|i| slides[i]), &columns.time)?;
     let any = less_sure(&whole, &moving, variants, |v| v.method != Method::Delayed);
     any.then(|| {
         "equations far from where it stands or turns say otherwise than all of them: parameters are less sure by that".to_owned()
     })
 }
 
+/// What a fit says, and by how much each of its equations moves that.
+struct Told {
+    values: Vec<f64>,
+    time: Vec<f64>,
+    /// A column for each parameter.
+    moved: DMatrix<f64>,
+}
+
+impl Told {
+    /// Of a fit over some rows, what it leaves being told of all of them, and the time of each.
+    fn of(x: &DMatrix<f64>, found: Solution, rows: &[usize], time: &[f64]) -> Option<Self> {
+        let part = x.select_rows(rows);
+        let bread = part.tr_mul(&part).try_inverse()?;
+        let mut moved = part * bread;
+        for (mut row, i) in moved.row_iter_mut().zip(rows) {
+            row *= found.residuals[*i];
+        }
+        Some(Self {
+            values: found.values,
+            time: rows.iter().map(|i| time[*i]).collect(),
+            moved,
+        })
+    }
+
+    /// What the equations of each stretch of a record move a parameter by. Stretches overlap by half and count by a sine, so that what enters
+    /// at an end does not count at once ([`least_squares`]'s batches do the same).
+    fn by_stretch(&self, parameter: usize, [begin, end]: [f64; 2]) -> [f64; STRETCHES + 1] {
+        let half = (end - begin) / STRETCHES as f64;
+        let mut sums = [0.0; STRETCHES + 1];
+        for (t, moved) in self.time.iter().zip(self.moved.column(parameter).iter()) {
+            let at = ((t - begin) / half).clamp(0.0, STRETCHES as f64);
+            let k = (at as usize).min(STRETCHES - 1);
+            let (sin, cos) = (FRAC_PI_2 * (at - k as f64)).sin_cos();
+            sums[k] += cos * moved;
+            sums[k + 1] += sin * moved;
+        }
+        sums
+    }
+}
+
+/// How far two fits to one record differ by chance: by what each stretch of it moves the one otherwise than the other.
+///
+/// That fewer equations know less, and differ by what they know less (J. A. Hausman, 1978), holds where all of them are weighed as their noise is.
+/// Here they are not: of a quiet position fewer, filtered more, know more, and of that difference nothing would be chance.
+fn chance(all: &Told, fewer: &Told, parameter: usize) -> f64 {
+    let ends = [all, fewer].map(|t| [t.time[0], t.time[t.time.len() - 1]]);
+    let ends = [ends[0][0].min(ends[1][0]), ends[0][1].max(ends[1][1])];
+    let [one, other] = [all, fewer].map(|t| t.by_stretch(parameter, ends));
+    let squares: f64 = one.iter().zip(&other).map(|(a, b)| (a - b).powi(2)).sum();
+    // What a fit has taken of its own noise is not left in it.
+    let (stretches, taken) = (STRETCHES as f64, all.values.len() as f64);
+    (squares * stretches / (stretches - taken)).sqrt()
+}
+
 /// Makes parameters less sure by what a fit to fewer equations says otherwise by more than chance; whether that is more than what they said.
 fn less_sure(
-    (all, all_std): &(Vec<f64>, Vec<f64>),
-    (fewer, fewer_std): &(Vec<f64>, Vec<f64>),
+    all: &Told,
+    fewer: &Told,
     variants: &mut [Variant],
     of: impl Fn(&Variant) -> bool,
 ) -> bool {
     let mut any = false;
     for (j, names) in NAMES.iter().enumerate() {
-        // Fewer know less of the same record: what they differ by is what they know less, squared (J. A. Hausman, 1978).
-        let chance = (fewer_std[j].powi(2) - all_std[j].powi(2)).max(0.0).sqrt();
-        let off = (fewer[j] - all[j]).abs();
-        if off <= CHANCE * chance {
+        let chance = chance(all, fewer, j);
+        let off = (fewer.values[j] - all.values[j]).abs();
+        if off <= chance {
             continue;
         }
-        // The error is anywhere up to that.
+        // What is left of it beyond chance, whose square is taken off, is an error anywhere up to that.
         let beyond = ((off.powi(2) - chance.powi(2)) / 3.0).sqrt();
         let parameters = variants.iter_mut().filter(|v| of(v));
         let parameters = parameters.flat_map(|v| &mut v.parameters);
@@ -120,11 +177,12 @@ fn there(kept: &[f64], coarser: &[f64]) -> Option<Vec<bool>> {
     (steps.len() > 1).then(|| coarser.iter().map(is_near).collect())
 }
 
-/// Values and deviations by equations that have no turn near them, what the position's noise takes of an inertia given back.
-fn said(columns: &Equations, noise: f64) -> Option<(Vec<f64>, Vec<f64>)> {
-    let Slides { x, force, .. } = Slides::of(columns, 0)?;
+/// What equations say that have no turn near them, what the position's noise takes of an inertia given back.
+fn said(columns: &Equations, noise: f64) -> Option<Told> {
+    let Slides { x, force, rows } = Slides::of(columns, 0)?;
     let told = (0..x.ncols()).all(|j| tolerance(&x, j) > OWN);
     let mut found = told.then(|| least_squares(&x, &force))??;
     without_attenuation(&x, |_| true, 0, noise, &mut found);
-    Some((found.values, found.std_correlated))
+    let time: Vec<f64> = rows.iter().map(|i| columns.time[*i]).collect();
+    Told::of(&x, found, &(0..x.nrows()).collect::<Vec<_>>(), &time)
 }
