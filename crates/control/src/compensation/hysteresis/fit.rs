@@ -121,6 +121,11 @@ fn best_lag(record: &Record, to: usize, creep: Creep) -> f64 {
 /// Rounds in which creep follows what the round before found.
 const ROUNDS: usize = 3;
 
+/// By how much the densities of two plays next to each other differ, of the mean density: one standard deviation of what is known beforehand. A
+/// piezoceramic's domains switch at fields that are spread smoothly, evenly where fields are small (Rayleigh's law). A noisy record
+/// tells neighbours badly apart: by it alone some would weigh nothing and others all, and of small loops the model would be wrong.
+const ROUGH: f64 = 0.3;
+
 fn solve(
     record: &Record,
     to: usize,
@@ -160,8 +165,8 @@ fn solve(
         .iter()
         .map(|x| output.to_share(*x))
         .collect();
-    let mut error = f64::INFINITY;
-    for _ in 0..rounds {
+    let mut square = f64::INFINITY;
+    for round in 0..rounds {
         let mut normal = Normal::new(steady.map_or(COLUMNS, |first| CREEP + first + 1));
         let mut state = model.at_rest(record.input_before(0, lag));
         let mut relaxations = [at_once[0]; RELAXATIONS];
@@ -201,7 +206,11 @@ fn solve(
             }
             normal.add(&row, x, record.weight[k]);
         }
-        let (solution, squares) = normal.solve();
+        if round > 0 {
+            normal.smooth(&model, square);
+        }
+        let solution;
+        (solution, square) = normal.solve();
         model.weights.copy_from_slice(&solution[..PLAYS]);
         model.offset = solution[OFFSET];
         model.curve.copy_from_slice(&solution[CURVE..CREEP]);
@@ -210,7 +219,6 @@ fn solve(
             let share = model.shares[first];
             model.shares[first..].fill(share);
         }
-        error = squares.sqrt();
         // What comes at once as this model has it.
         let mut state = model.at_rest(record.input_before(0, lag));
         for (u, v) in at_once.iter_mut().zip(&inputs) {
@@ -219,7 +227,7 @@ fn solve(
     }
     model.weights[0] = model.weights[0].max(1e-6);
     model.check()?;
-    Ok((error, model))
+    Ok((square.sqrt(), model))
 }
 
 /// Normal equations of a weighted least squares problem whose first unknowns and last ones, plays
@@ -258,6 +266,31 @@ impl Normal {
         }
         self.square += weight * value * value;
         self.weight += weight;
+    }
+
+    /// Adds what is known beforehand of the plays' weights, by the model of the round before and the mean square that it left of a
+    /// sample: their density is as smooth as [`ROUGH`] says.
+    fn smooth(&mut self, before: &Memory, square: f64) {
+        let slack = &before.slack;
+        let density = before.weights[1..].iter().sum::<f64>() / slack[PLAYS - 1];
+        let counts = square / (ROUGH * density).powi(2);
+        // Where nothing has slack, nothing of it is rough.
+        if !counts.is_finite() {
+            return;
+        }
+        // The part of the slacks that a play stands for.
+        let part = |i: usize| match slack.get(i + 1) {
+            Some(next) => 0.5 * (next - slack[i - 1]),
+            None => slack[i] - slack[i - 1],
+        };
+        for i in 1..PLAYS - 1 {
+            let row = [(i, part(i).recip()), (i + 1, -part(i + 1).recip())];
+            for (i, a) in row {
+                for (j, b) in row {
+                    self.matrix[i][j] += counts * a * b;
+                }
+            }
+        }
     }
 
     /// The unknowns and the mean square that they leave, by coordinate descent: the problem is

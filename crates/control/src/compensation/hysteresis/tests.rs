@@ -177,6 +177,60 @@ fn a_model_with_memory_is_recovered_from_its_own_data() {
     );
 }
 
+/// How a piezo is seen by a camera that is wrong by a tenth of half its range, frame by frame; and what comes of circles that a model of that has
+/// it go on: their radius, and how far beside their middle it comes to rest, both as shares of the radius that is wanted.
+#[test]
+fn small_circles_of_a_piezo_that_a_noisy_camera_saw_are_as_large_as_wanted() {
+    use pigtail_model::hysteresis::{Hysteresis, HysteresisParameters, HysteresisState};
+    const NOISE: f64 = 3e-6;
+    const RADIUS: f64 = 1.2e-6;
+    const HALF: f64 = 35e-6;
+    let piezo = Hysteresis::new(&HysteresisParameters {
+        opening: 0.15,
+        spread: 0.7,
+        skew: 0.04,
+        saturation: 0.03,
+    })
+    .unwrap();
+    let goes = |state: &mut HysteresisState, volts: f64| {
+        HALF * piezo.advance(state, volts / 5.0 - 1.0)
+    };
+    let (mut radii, mut rests) = (vec![], vec![]);
+    for seed in 0..8 {
+        let mut rng = Pcg64Mcg::seed_from_u64(seed);
+        // Twelve of a uniform one: a normal one.
+        let mut noise = || NOISE * ((0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0);
+        let path: Vec<f64> = rich_path().into_iter().step_by(2).collect();
+        let mut state = HysteresisState::default();
+        let seen = path.iter().map(|v| goes(&mut state, *v) + noise());
+        let seen: Vec<f64> = seen.collect();
+        let time = (0..path.len()).map(|k| 0.04 * k as f64).collect();
+        let record = Record::new(time, path, seen).unwrap();
+        let model = fit_memory(&record, record.len(), Some(0.0), Creep::Logarithmic).unwrap();
+        let (mut state, mut memory) = (HysteresisState::default(), model.switched_on());
+        let limits = model.input;
+        let mut go = |x: f64| goes(&mut state, model.voltage(&mut memory, x, 2e-4, &limits));
+        let middle = 0.1 * HALF;
+        let angle = |k: u32| std::f64::consts::TAU * f64::from(k) / 100.0;
+        for k in 0..300 {
+            go(middle + RADIUS * angle(k).cos());
+        }
+        let turn: Vec<f64> = (0..100)
+            .map(|k| go(middle + RADIUS * angle(k).cos()))
+            .collect();
+        let range = Range::of(&turn);
+        radii.push(0.5 * range.width() / RADIUS);
+        for k in 0..60 {
+            go(middle + (1.0 - f64::from(k) / 60.0) * RADIUS * angle(k).cos());
+        }
+        rests.push((go(middle) - turn.iter().sum::<f64>() / 100.0) / RADIUS);
+    }
+    let rms = |of: &[f64]| (of.iter().map(|x| x * x).sum::<f64>() / of.len() as f64).sqrt();
+    let radius = rms(&radii.iter().map(|r| r - 1.0).collect::<Vec<_>>());
+    assert!(radius < 0.025, "{radii:?}");
+    assert!(rms(&rests) < 0.005, "{rests:?}");
+}
+
 #[test]
 fn a_lag_is_found() {
     let truth = memory();
