@@ -46,6 +46,10 @@ pub(crate) struct MapArguments {
     /// Less power in it is more light: a photodiode of negative voltage
     #[arg(long, requires = "map")]
     map_inverted: bool,
+    /// Each power is of its row's place: the stage stood still for it, and the detector had settled. Where all lines of a map go one way nothing in it
+    /// tells that, and without this it is unsure: the peak may be readings elsewhere
+    #[arg(long, requires = "map")]
+    map_settled: bool,
     /// Where the search begins, such as "5 um,-3 um"; the map's middle where not given
     #[arg(long, value_name = "X,Y", requires = "map", value_parser = place)]
     map_start: Option<Displacement>,
@@ -107,6 +111,7 @@ pub(crate) fn run(map: &Path, arguments: &MapArguments, common: &Common) -> Resu
         power: arguments.map_power_unit,
         inverted: arguments.map_inverted,
         step: arguments.map_step,
+        settled: arguments.map_settled,
     };
     let measured = read(map, &columns)?;
     let scan = &measured.scan;

@@ -149,6 +149,7 @@ fn read(path: &Path) {
         power: None,
         inverted: false,
         step: None,
+        settled: false,
     };
     let _ = map::read(path, &columns);
     let roles = servo::Roles {

@@ -337,7 +337,7 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Map, Error> {
         table.error(key, invalid.why)
     })?;
     Ok(Map {
-        scan,
+        scan: scan.settled(columns.settled),
         place_unit: raw.place.told(),
         said: columns.place.is_some(),
         power: raw.unit,

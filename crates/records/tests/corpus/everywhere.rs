@@ -430,6 +430,7 @@ fn every_command_reads_every_file() {
             power: None,
             inverted: false,
             step: None,
+            settled: false,
         };
         let read = map::read(path, &columns).map_err(|e| e.to_string())?;
         let readings = read.scan.readings();

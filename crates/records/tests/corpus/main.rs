@@ -17,6 +17,8 @@ mod everywhere;
 mod forces;
 #[path = "friction.rs"]
 mod friction;
+#[path = "late.rs"]
+mod late;
 #[path = "map.rs"]
 mod map;
 #[path = "piezo.rs"]

@@ -46,6 +46,8 @@ pub struct Scan {
     readings: Vec<Reading>,
     middle: Displacement,
     half: Displacement,
+    /// Whether each power is known to be of its own place.
+    settled: bool,
 }
 
 /// Why nothing can be made of some readings.
@@ -90,6 +92,7 @@ impl Scan {
             middle: (low + high) * 0.5,
             half: (high - low) * 0.5,
             readings,
+            settled: false,
         };
         if scan.half.x <= 0.0 {
             return refuse("x", "never changes; accepted is a scan of an area");
@@ -102,6 +105,13 @@ impl Scan {
             return refuse("", why);
         }
         Ok(scan)
+    }
+
+    /// The same where somebody says that each power is of its own place, or not: that the stage stood still for it, and its detector had settled. Where
+    /// all lines go one way no reading tells that.
+    #[must_use]
+    pub fn settled(self, settled: bool) -> Self {
+        Self { settled, ..self }
     }
 
     /// Whether all places lie along one line, to a thousandth of its length.
@@ -232,6 +242,11 @@ pub enum Refusal {
         /// By how many readings powers were written late; below zero early.
         readings: isize,
     },
+    /// Light trails behind the peak along the way, as of a detector that is slower than the readings.
+    Trails {
+        /// About its time constant, readings.
+        readings: f64,
+    },
     /// There may be a peak, but its place is not told.
     Vague {
         /// Standard deviation of its place, metres.
@@ -255,6 +270,7 @@ impl Refusal {
             | Self::Unsteady { .. }
             | Self::Cut { .. }
             | Self::Late { .. }
+            | Self::Trails { .. }
             | Self::Unseen { .. } => "unsure",
             Self::TooCoarse { .. } => "too_coarse",
             Self::AtEdge { .. } => "at_edge",
@@ -302,6 +318,11 @@ impl Refusal {
                 "powers and places are not of the same moments: with each power about {} readings {} the peak is told far better",
                 readings.unsigned_abs(),
                 if *readings > 0 { "earlier" } else { "later" }
+            ),
+            Self::Trails { readings } => write!(
+                f,
+                "in the order of the readings light trails behind the peak, as of a detector whose time constant is about {readings} of them, and the \
+                 peak is that much late: scan slower, or to and fro and compare; --map-settled says that it is the light's own shape"
             ),
             Self::Vague { deviation, radius } => write!(
                 f,
@@ -368,6 +389,7 @@ impl std::fmt::Display for Refusal {
             | Self::Cut { .. }
             | Self::Unseen { .. }
             | Self::Late { .. }
+            | Self::Trails { .. }
             | Self::Vague { .. } => self.unsure(f),
             Self::TooCoarse {
                 seen,
