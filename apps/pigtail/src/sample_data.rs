@@ -25,7 +25,7 @@ Examples:
   pigtail identify windup --data data/two-encoders.csv --motor motor_deg --load load_deg
   pigtail identify friction --data data/friction.csv --displacement x_um --force force_N
   pigtail identify resonance --data data/response.csv
-  pigtail align --map data/map.csv --map-columns x_um,y_um,power_V --map-settled
+  pigtail align --map data/map.csv --map-columns x_um,y_um,power_V
   pigtail simulate joint --params data/axes.toml --axis z --step 400 --to step.csv")]
 pub(crate) struct Arguments {
     /// The folder to write them into

@@ -46,8 +46,8 @@ pub(crate) struct MapArguments {
     /// Less power in it is more light: a photodiode of negative voltage
     #[arg(long, requires = "map")]
     map_inverted: bool,
-    /// Each power is of its row's place: the stage stood still for it, and the detector had settled. Where all lines of a map go one way nothing in it
-    /// tells that, and without this it is unsure: the peak may be readings elsewhere
+    /// Each power is of its row's place: the stage stood still for it, and the detector had settled. Light that trails along
+    /// the way is then its own shape; without this such a map is refused
     #[arg(long, requires = "map")]
     map_settled: bool,
     /// Where the search begins, such as "5 um,-3 um"; the map's middle where not given

@@ -305,7 +305,7 @@ fn experiments_keep_their_samples() {
     for (k, called) in [
         "align",
         "align --rig bench-piezo",
-        "align --map data/map.csv --map-columns x_um,y_um,power_V --map-settled",
+        "align --map data/map.csv --map-columns x_um,y_um,power_V",
         "commission --steps axes,dark",
         "characterize z step",
         "characterize z sine",

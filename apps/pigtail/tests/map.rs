@@ -36,10 +36,8 @@ fn align(folder: &Path, csv: &str, arguments: &[&str]) -> (i32, String, String) 
     )
 }
 
-/// What is printed of a map whose powers are said to have settled.
 fn document(folder: &Path, csv: &str, arguments: &[&str]) -> (i32, Value) {
-    let settled = [&["--map-settled"], arguments].concat();
-    let (code, out, error) = align(folder, csv, &settled);
+    let (code, out, error) = align(folder, csv, arguments);
     (
         code,
         serde_json::from_str(&out).unwrap_or_else(|_| panic!("{error}")),
@@ -80,22 +78,6 @@ fn a_map_is_answered_with_peak_widths_and_readings() {
     );
     let (_, again) = document(folder.path(), &scan(1.0, |p| p), &[]);
     assert_eq!(found["peak"], again["peak"]);
-}
-
-/// Lines that all go one way do not show whether powers are late: whoever took the map is asked.
-#[test]
-fn powers_that_may_be_late_are_asked_for() {
-    let folder = tempfile::tempdir().expect("it is there");
-    let (code, out, error) = align(folder.path(), &scan(1.0, |p| p), &[]);
-    let found: Value = serde_json::from_str(&out).unwrap_or_else(|_| panic!("{error}"));
-    assert_eq!((code, &found["outcome"]), (1, &"unsure".into()));
-    let detail = found["detail"].as_str().expect("it is there");
-    assert!(detail.contains("--map-settled"), "{detail}");
-    assert_eq!(found["late_deviation_um"], 2.0);
-    assert!(found["whole_map"]["deviation_um"].as_f64() > Some(2.0));
-    let (_, found) = document(folder.path(), &scan(1.0, |p| p), &[]);
-    assert_eq!(found["a_reading_late_um"], 2.0);
-    assert_eq!(found["late_deviation_um"], 0.0);
 }
 
 #[test]

@@ -118,14 +118,9 @@ pub fn notes(document: &MapDocument) -> Vec<String> {
         && late > 0.0
     {
         let unit = document.place_unit;
-        let allowed = if document.late_deviation_um.is_some_and(|by| by > 0.0) {
-            "What is said allows for one that is, one standard deviation; --map-settled says that none are."
-        } else {
-            "What is said does not allow for it, as powers are said to have settled."
-        };
         notes.push(format!(
             "All of its lines go one way: were powers written a reading late, the peak would be {late:.3} {unit} elsewhere along them, and no such map \
-             shows that. {allowed}"
+             shows that. What is said does not allow for it; a map to and fro would tell."
         ));
     }
     if let Some(light) = document.unsteady_light_percent

@@ -69,7 +69,7 @@ impl Map {
                 });
             }
         }
-        Scan::new(readings).expect("a scan").settled(true)
+        Scan::new(readings).expect("a scan")
     }
 }
 

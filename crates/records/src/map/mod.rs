@@ -26,7 +26,7 @@ pub struct Columns {
     pub inverted: bool,
     /// Distance of columns and rows, in `place` units, of a map that is a matrix without its places.
     pub step: Option<[f64; 2]>,
-    /// Whether each power is known to be of its row's place: nothing in a map tells that whose lines all go one way.
+    /// Whether each power is known to be of its row's place: light that trails along the way is then its own shape.
     pub settled: bool,
 }
 
@@ -227,11 +227,8 @@ pub struct MapDocument {
     /// better by a background, a height and a place of its own, as of a stage that slipped or a level that stepped; zero where none is.
     pub unsteady_parts_um: Option<f64>,
     /// By how much the peak would be elsewhere for powers that are a reading late, where all lines go one way and none would show,
-    /// micrometres. Zero where the way turns; `null` without a peak.
+    /// micrometres: nothing that is said allows for it. Zero where the way turns; `null` without a peak.
     pub a_reading_late_um: Option<f64>,
-    /// How much of that what is said of a peak allows for, one standard deviation, micrometres: all, or nothing where an option says that powers
-    /// had settled.
-    pub late_deviation_um: Option<f64>,
     /// Standard deviation of a reading from that peak, in `power_unit`.
     pub noise: Option<f64>,
     /// Distance of neighbours, micrometres.
@@ -383,10 +380,7 @@ pub fn try_on(map: &str, read: &Map, start: Option<Displacement>, accuracy: Opti
             if let Some(detail) = other_unit(read, &all.peak) {
                 ("unsure", detail)
             } else {
-                let (outcome, detail) = match verdict(all, looked, accuracy) {
-                    ("aligned", _) => may_lag(all),
-                    other => other,
-                };
+                let (outcome, detail) = verdict(all, looked, accuracy);
                 (outcome, in_unit(detail, read.place_unit))
             }
         }
@@ -426,7 +420,6 @@ pub fn try_on(map: &str, read: &Map, start: Option<Displacement>, accuracy: Opti
         unsteady_aside_um: all.map(|all| digits(all.unsteady.aside * 1e6)),
         unsteady_parts_um: all.map(|all| digits(all.unsteady.parts * 1e6)),
         a_reading_late_um: all.map(|all| digits(all.late * 1e6)),
-        late_deviation_um: all.map(|all| digits(all.late_deviation * 1e6)),
         noise: all.map(|all| digits(all.noise)),
         spacing_um: rounded(scan.spacing() * 1e6, 1e-4),
         power_unit: read.power.linear_name(),
@@ -470,20 +463,6 @@ fn other_unit(read: &Map, peak: &Shape) -> Option<String> {
         long * 1e6,
         short * 1e6
     ))
-}
-
-/// Where all lines go one way nothing tells a peak from one that is seen late: whoever took the map is asked, where a reading late is more than what
-/// is not known anyway.
-fn may_lag(all: &Examined) -> (&'static str, String) {
-    if all.late_deviation <= all.known_on_time() {
-        return ("aligned", String::new());
-    }
-    let detail = format!(
-        "all lines go one way, and were powers written a reading late, the peak would be {:.3} um elsewhere, which no such map shows: --map-settled \
-         says that each power is of its own place, as of a stage that stood still for it; a map to and fro would tell",
-        all.late * 1e6
-    );
-    ("unsure", detail)
 }
 
 /// How the search went, beside what the whole map says.

@@ -390,9 +390,7 @@ fn power_map(kind: &str, seed: u64) -> Said {
         let power = 0.1 + slope * at.x / middle + light + noise * normal(&mut rng);
         map::Reading { at, power }
     });
-    let scan = map::Scan::new(readings.collect())
-        .expect("readings over an area")
-        .settled(true);
+    let scan = map::Scan::new(readings.collect()).expect("readings over an area");
     let Ok(found) = map::examine(&scan) else {
         return Said::default();
     };

@@ -5,7 +5,7 @@
 
 use crate::map::{Map, Spot, columns, text};
 use crate::normal;
-use pigtail_records::map::{Columns, read, try_on};
+use pigtail_records::map::{read, try_on};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::f64::consts::TAU;
@@ -115,18 +115,14 @@ struct Counts {
 }
 
 /// Wrong is what is further off than a seventh of the radius and than three of the deviations said.
-fn count(first: u64, maps: u64, way: Way, lag: Lag, settled: bool) -> Counts {
+fn count(first: u64, maps: u64, way: Way, lag: Lag) -> Counts {
     let folder = tempfile::TempDir::new().expect("a folder");
     let path = folder.path().join("m.csv");
     let mut counts = Counts::default();
     for number in first..first + maps {
         let (map, late, spot) = drawn(number, way, lag);
         fs::write(&path, text(&map)).expect("a file");
-        let columns = Columns {
-            settled,
-            ..columns()
-        };
-        let found = read(&path, &columns).map(|scan| try_on("m.csv", &scan, None, None).document);
+        let found = read(&path, &columns()).map(|scan| try_on("m.csv", &scan, None, None).document);
         let found = match found {
             Ok(found) if found.outcome == "aligned" => found,
             Ok(found) => {
@@ -160,44 +156,36 @@ fn count(first: u64, maps: u64, way: Way, lag: Lag, settled: bool) -> Counts {
     counts
 }
 
-/// Of each kind how many are right, wrong and refused; those without a lag once more where powers are said to have settled.
+/// Of each kind how many are right, wrong and refused. Readings that are late along lines of one way leave no mark: these are told, and not asked for.
 #[test]
 #[ignore = "long: minutes of maps"]
-fn powers_that_lag_are_told_or_allowed_for() {
+fn powers_that_lag_are_refused_where_it_shows() {
     let from = |name: &str, usual: u64| {
         std::env::var(name).map_or(usual, |n| n.parse().expect("a number"))
     };
     let (first, maps) = (from("LATE_FIRST", 2_000_000), from("LATE_MAPS", 20));
-    let (mut wrong, mut settled_and_right) = (0, 0);
+    let (mut wrong, mut late, mut right) = (0, 0, 0);
     let kinds = WAYS.iter().flat_map(|way| LAGS.map(|lag| (*way, lag)));
     for (k, (way, lag)) in kinds.enumerate() {
-        for settled in [false, true] {
-            if settled && lag != Lag::None {
-                continue;
-            }
-            let counts = count(first + 1000 * k as u64, maps, way, lag, settled);
-            let said = if settled {
-                ", said to have settled"
-            } else {
-                ""
-            };
-            eprintln!(
-                "{way:?} {lag:?}{said}: {} right, {} wrong, {} refused",
-                counts.right,
-                counts.wrong.len(),
-                counts.refused.len()
-            );
-            for words in counts.wrong.iter().chain(&counts.refused) {
-                eprintln!("    {words}");
-            }
-            wrong += counts.wrong.len();
-            settled_and_right += if settled { counts.right } else { 0 };
+        let counts = count(first + 1000 * k as u64, maps, way, lag);
+        let hidden = matches!(way, Way::OneWay | Way::ColumnsOneWay)
+            && matches!(lag, Lag::Readings | Lag::Time);
+        eprintln!(
+            "{way:?} {lag:?}: {} right, {} wrong, {} refused",
+            counts.right,
+            counts.wrong.len(),
+            counts.refused.len()
+        );
+        for words in counts.wrong.iter().chain(&counts.refused) {
+            eprintln!("    {words}");
+        }
+        match lag {
+            Lag::None => right += counts.right,
+            _ if hidden => {}
+            _ => (wrong, late) = (wrong + counts.wrong.len(), late + maps as usize),
         }
     }
     let all = maps as usize * WAYS.len();
-    assert!(
-        settled_and_right * 20 >= all * 19,
-        "{settled_and_right} of {all} settled ones"
-    );
-    assert!(wrong * 50 <= all * LAGS.len(), "{wrong} wrong");
+    assert!(right * 20 >= all * 19, "{right} of {all} that are not late");
+    assert!(wrong * 20 <= late, "{wrong} of {late} that are");
 }

@@ -15,10 +15,9 @@ pub struct Examined {
     pub deviation: f64,
     /// What changed while it was scanned.
     pub unsteady: Unsteady,
-    /// By how much it would be elsewhere for powers that are a reading late, where all lines go one way and none would show; metres.
+    /// By how much it would be elsewhere for powers that are a reading late, where all lines go one way and none would show; metres. Nothing that
+    /// is said of it allows for that.
     pub late: f64,
-    /// Standard deviation of its place for that, metres: as much, or nothing where the scan is [`settled`](Scan::settled).
-    pub late_deviation: f64,
     /// Standard deviation of a reading from the shape.
     pub noise: f64,
     /// The share of the readings' variance that the shape explains.
@@ -57,14 +56,9 @@ const BRIGHT: f64 = 1.0 / 3.0;
 const ALONE_TRIES: usize = 3;
 
 impl Examined {
-    /// Standard deviation of the peak's place in the worse direction, metres: by the readings, by what may have changed while they
-    /// were taken, and by powers that may be late.
+    /// Standard deviation of the peak's place in the worse direction, metres: by the readings, and by what may have changed while they
+    /// were taken.
     pub fn known(&self) -> f64 {
-        self.known_on_time().hypot(self.late_deviation)
-    }
-
-    /// The same for powers that are not late.
-    pub fn known_on_time(&self) -> f64 {
         self.deviation.hypot(self.unsteady.deviation)
     }
 }
@@ -245,8 +239,7 @@ fn attempt(scan: &Scan, numbered: &[(usize, Datum)]) -> Result<Examined, Refused
     Ok(Examined {
         peak: found.shape,
         unsteady,
-        late: late.a_reading,
-        late_deviation: late.deviation,
+        late,
         deviation,
         noise,
         explained: 1.0 - (found.squares / whole.squares).min(1.0),

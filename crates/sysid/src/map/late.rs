@@ -1,7 +1,7 @@
 //! Powers that were written some readings late: each belongs to the place of an earlier reading.
 //!
-//! Along rows that are all scanned the same way such a map is one of a peak elsewhere, and nothing in it shows that: what is said of
-//! the place allows for it, unless whoever took the map says that powers had settled. Where the way turns, as in
+//! Along rows that are all scanned the same way such a map is one of a peak elsewhere, and nothing in it shows that: it
+//! can only be said. Where the way turns, as in
 //! a spiral or to and fro, places come apart that are neighbours, and with the powers put back the peak is told far better.
 //! A detector that is slower than the readings leaves its mark on any way: light trails behind the peak, and never runs ahead of it.
 
@@ -12,10 +12,6 @@ use pigtail_numerics::signal::quantile;
 
 /// Readings by which powers are put back and forth.
 const MOST: usize = 4;
-
-/// What is said allows for powers that are so many readings late, one standard deviation, where no map shows it: a choice, as of a controller that
-/// nobody has watched, which may read first and move then.
-const UNSEEN: f64 = 1.0;
 
 /// Time constants of a detector that are tried, readings.
 const CONSTANTS: [f64; 5] = [0.6, 1.2, 2.0, 3.5, 6.0];
@@ -38,32 +34,14 @@ const SIGNIFICANT: f64 = 16.0;
 /// More readings than about so many tell nothing new.
 const ENOUGH: usize = 3000;
 
-/// How powers may lag where nothing shows it, metres.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Hidden {
-    /// By how much the peak would be elsewhere for powers that are a reading late.
-    pub a_reading: f64,
-    /// How far off it may be for that, one standard deviation: none where somebody says that powers had settled.
-    pub deviation: f64,
-}
-
-/// Refuses a peak that is told far better by the places of other readings, or by a detector that was too slow. Where none of them would show: by
-/// how much the peak would be elsewhere.
-pub(super) fn check(scan: &Scan, found: &Fit, all: &[(usize, Datum)]) -> Result<Hidden, Refusal> {
+/// Refuses a peak that is told far better by the places of other readings, or by a detector that was too slow. Where none of the first would show: by
+/// how much the peak would be elsewhere for powers that are a reading late; metres.
+pub(super) fn check(scan: &Scan, found: &Fit, all: &[(usize, Datum)]) -> Result<f64, Refusal> {
     let a_reading = places(scan, found, all)?;
-    if scan.settled {
-        let deviation = 0.0;
-        return Ok(Hidden {
-            a_reading,
-            deviation,
-        });
+    if !scan.settled {
+        trails(scan, found, all)?;
     }
-    trails(scan, found, all)?;
-    let deviation = UNSEEN * a_reading;
-    Ok(Hidden {
-        a_reading,
-        deviation,
-    })
+    Ok(a_reading)
 }
 
 /// The rows that are looked at: those whose power is nothing but a shape's, and which have others before and behind them.

@@ -107,8 +107,8 @@ impl Scan {
         Ok(scan)
     }
 
-    /// The same where somebody says that each power is of its own place, or not: that the stage stood still for it, and its detector had settled. Where
-    /// all lines go one way no reading tells that.
+    /// The same where somebody says that each power is of its own place, or not: that the stage stood still for it, and its detector had settled.
+    /// Light that trails along the way is not taken for a slow detector's then.
     #[must_use]
     pub fn settled(self, settled: bool) -> Self {
         Self { settled, ..self }

@@ -396,7 +396,7 @@ mod tests {
                 Reading { at, power }
             })
             .collect();
-        let scan = Scan::new(readings).unwrap().settled(true);
+        let scan = Scan::new(readings).unwrap();
         let data: Vec<(usize, Datum)> =
             scan.readings.iter().map(Datum::plain).enumerate().collect();
         let plain: Vec<Datum> = data.iter().map(|(_, d)| *d).collect();

@@ -37,7 +37,7 @@ fn noisy(
             });
         }
     }
-    Scan::new(readings).unwrap().settled(true)
+    Scan::new(readings).unwrap()
 }
 
 /// A peak of height 1 on a background of 0.1, places and radii in micrometres.
@@ -192,7 +192,7 @@ fn spacing_is_that_of_a_grid() {
             power: f64::from(k),
         })
         .collect();
-    let scan = Scan::new(readings).unwrap().settled(true);
+    let scan = Scan::new(readings).unwrap();
     assert!((scan.spacing() - 2e-6).abs() < 1e-12, "{}", scan.spacing());
 }
 
@@ -212,23 +212,6 @@ fn what_is_no_scan_is_refused() {
     assert!(made(|k| (k, 2.0 * k, k)).why.contains("line"));
     assert!(made(|k| (k, f64::NAN, k)).why.contains("finite"));
     assert!(Scan::new(vec![reading(0.0, 0.0, 1.0); 3]).is_err());
-}
-
-/// A reading is 0.1 of the radius: what is said of the place allows for one that is late, unless powers are said to have settled.
-#[test]
-fn powers_that_may_be_late_are_allowed_for() {
-    let settled = noisy(61, 0.5, 0.01, 5, peak(14.0, 16.0, 5.0, 5.0), plain);
-    let known = |scan: &Scan| examine(scan).map(|found| (found.late, found.known()));
-    let (late, sure) = known(&settled).expect("a peak");
-    let (also, allowed) = known(&settled.clone().settled(false)).expect("a peak");
-    assert!(
-        (late - 0.5e-6).abs() < 1e-12 && (also - late).abs() < 1e-15,
-        "{late} {also}"
-    );
-    assert!(
-        (allowed - sure.hypot(late)).abs() < 1e-12,
-        "{allowed} {sure}"
-    );
 }
 
 /// A detector of first order that is slow beside the readings, and a light that leans ahead of the way.

@@ -192,9 +192,8 @@ fn small_circles_of_a_piezo_that_a_noisy_camera_saw_are_as_large_as_wanted() {
         saturation: 0.03,
     })
     .unwrap();
-    let goes = |state: &mut HysteresisState, volts: f64| {
-        HALF * piezo.advance(state, volts / 5.0 - 1.0)
-    };
+    let goes =
+        |state: &mut HysteresisState, volts: f64| HALF * piezo.advance(state, volts / 5.0 - 1.0);
     let (mut radii, mut rests) = (vec![], vec![]);
     for seed in 0..8 {
         let mut rng = Pcg64Mcg::seed_from_u64(seed);
