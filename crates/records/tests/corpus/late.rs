@@ -14,8 +14,8 @@ use std::fs;
 /// How a scan goes over its area.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Way {
-    OneWay,
-    ColumnsOneWay,
+    Forward,
+    ColumnsForward,
     ToAndFro,
     ColumnsToAndFro,
     Spiral,
@@ -34,8 +34,8 @@ enum Lag {
 }
 
 const WAYS: [Way; 5] = [
-    Way::OneWay,
-    Way::ColumnsOneWay,
+    Way::Forward,
+    Way::ColumnsForward,
     Way::ToAndFro,
     Way::ColumnsToAndFro,
     Way::Spiral,
@@ -58,7 +58,7 @@ fn path(spot: &mut Spot, way: Way, rng: &mut Pcg64Mcg) -> Vec<[f64; 2]> {
         }
         return places;
     }
-    let by_columns = matches!(way, Way::ColumnsOneWay | Way::ColumnsToAndFro);
+    let by_columns = matches!(way, Way::ColumnsForward | Way::ColumnsToAndFro);
     let turns = matches!(way, Way::ToAndFro | Way::ColumnsToAndFro);
     let [across, along] = if by_columns { [0, 1] } else { [1, 0] };
     for j in 0..spot.n[across] {
@@ -168,7 +168,7 @@ fn powers_that_lag_are_refused_where_it_shows() {
     let kinds = WAYS.iter().flat_map(|way| LAGS.map(|lag| (*way, lag)));
     for (k, (way, lag)) in kinds.enumerate() {
         let counts = count(first + 1000 * k as u64, maps, way, lag);
-        let hidden = matches!(way, Way::OneWay | Way::ColumnsOneWay)
+        let hidden = matches!(way, Way::Forward | Way::ColumnsForward)
             && matches!(lag, Lag::Readings | Lag::Time);
         eprintln!(
             "{way:?} {lag:?}: {} right, {} wrong, {} refused",
