@@ -229,7 +229,7 @@ fn likelihood(
 mod tests {
     use super::*;
 
-    /// Two modes and their noise at even frequencies, of which each so manieth row was lost before they were numbered.
+    /// Two modes and their noise at even frequencies, some of whose rows were lost before they were numbered.
     fn made(noise: f64, lost: impl Fn(usize) -> bool) -> (Record, Vec<f64>) {
         let at = |k: usize| 50.0 + 0.8 * k as f64;
         let drawn = |k: usize| {
