@@ -87,7 +87,7 @@ impl Spot {
 /// The same along a spiral from the middle outward, each power written some readings late; the peak is where the spiral has gone
 /// around it.
 fn spiral(spot: &mut Spot, rng: &mut Pcg64Mcg, late: usize) -> Map {
-    let reach = 0.5 * side(spot, 0).min(side(spot, 1));
+    let reach = 0.5 * spot.side(0).min(spot.side(1));
     let away = rng.random_range(0.0..(reach - 1.5 * spot.radii[0]).max(0.1));
     let (sin, cos) = rng.random_range(0.0..6.3_f64).sin_cos();
     (spot.x, spot.y) = (reach + away * cos, reach + away * sin);
@@ -139,10 +139,6 @@ fn slipped(spot: &mut Spot, rng: &mut Pcg64Mcg, by: (f64, f64)) -> Map {
     })
 }
 
-fn side(spot: &Spot, k: usize) -> f64 {
-    spot.side(k)
-}
-
 const CASES: &[Case] = &[
     ("a peak", Wanted::Right, |s, rng| plain(s, rng)),
     ("nothing but noise", Wanted::Refused, |s, rng| {
@@ -171,7 +167,7 @@ const CASES: &[Case] = &[
         plain(s, rng)
     }),
     ("beyond the edge", Wanted::Refused, |s, rng| {
-        s.y = side(s, 1) + 0.6 * s.radii[0];
+        s.y = s.side(1) + 0.6 * s.radii[0];
         plain(s, rng)
     }),
     ("in a corner", Wanted::Refused, |s, rng| {
@@ -254,14 +250,14 @@ const CASES: &[Case] = &[
         map
     }),
     ("two peaks of one height", Wanted::Refused, |s, rng| {
-        let w = side(s, 0);
+        let w = s.side(0);
         s.x = 0.29 * w;
         let a = *s;
         let b = Spot { x: 0.71 * w, ..a };
         s.map(rng, |x, y| a.light(x, y) + b.light(x, y))
     }),
     ("two peaks, one of 0.7", Wanted::Either, |s, rng| {
-        let (a, w) = (*s, side(s, 0));
+        let (a, w) = (*s, s.side(0));
         let b = Spot {
             x: if a.x < 0.5 * w {
                 a.x + 2.8 * a.radii[0]
@@ -273,8 +269,8 @@ const CASES: &[Case] = &[
         s.map(rng, |x, y| a.light(x, y) + 0.7 * b.light(x, y))
     }),
     ("three peaks", Wanted::Refused, |s, rng| {
-        s.x = 0.5 * side(s, 0) - 0.95 * s.radii[0];
-        s.y = 0.5 * side(s, 1) - 0.85 * s.radii[0];
+        s.x = 0.5 * s.side(0) - 0.95 * s.radii[0];
+        s.y = 0.5 * s.side(1) - 0.85 * s.radii[0];
         let a = *s;
         let at = |dx: f64, dy: f64| Spot {
             x: a.x + dx * a.radii[0],
@@ -333,7 +329,7 @@ const CASES: &[Case] = &[
     }),
     ("two peaks that merge", Wanted::Either, |s, rng| {
         let a = *s;
-        let away = if a.x < 0.5 * side(s, 0) { 1.5 } else { -1.5 };
+        let away = if a.x < 0.5 * s.side(0) { 1.5 } else { -1.5 };
         let b = Spot {
             x: a.x + away * a.radii[0],
             y: a.y - 0.3 * a.radii[0],

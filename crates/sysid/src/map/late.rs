@@ -94,7 +94,7 @@ fn places(scan: &Scan, found: &Fit, all: &[(usize, Datum)]) -> Result<f64, Refus
     let (Some(plain), Some((left, late))) = (squares(0), best) else {
         return Ok(goes_on);
     };
-    if is_better(left, plain, rows.len()) {
+    if left < BETTER * plain && plain - left > SIGNIFICANT * left / rows.len() as f64 {
         return Err(Refusal::Late { readings: late });
     }
     // Places of the readings beside would have to be worse, else these readings do not tell it.
@@ -102,11 +102,6 @@ fn places(scan: &Scan, found: &Fit, all: &[(usize, Datum)]) -> Result<f64, Refus
     let beside = beside.fold(f64::INFINITY, f64::min);
     let would_show = beside - plain > SIGNIFICANT * plain / rows.len() as f64;
     Ok(if would_show { 0.0 } else { goes_on })
-}
-
-/// Whether what one explanation leaves, squared, is far less than what another one does.
-fn is_better(left: f64, other: f64, rows: usize) -> bool {
-    left < BETTER * other && other - left > SIGNIFICANT * left / rows as f64
 }
 
 /// Refuses a peak that is told far better by a detector of first order that was too slow, and not as well by one that knew powers before they

@@ -30,13 +30,13 @@ const UNEVEN: f64 = 0.1;
 const STEP: f64 = 0.02;
 
 /// How likely it is that rows were lost so, of one response whose frequencies go evenly that says nothing of it. A choice.
-const BEFOREHAND: f64 = 0.01;
+pub(super) const BEFOREHAND: f64 = 0.01;
 
 /// Another break is looked for where the last one leaves less than this, squared.
 const MORE: f64 = 0.8;
 
 /// What is less likely than this widens no interval that holds nineteen of twenty.
-const UNLIKELY: f64 = 0.05;
+pub(super) const UNLIKELY: f64 = 0.05;
 
 /// Frequencies by their number.
 #[derive(Debug, Clone, Copy)]

@@ -6,7 +6,7 @@
 //! alike; P. de Jong, *The diffuse Kalman filter*, 1991), and the two are held against each other.
 
 use super::Record;
-use super::renumbered::Numbers;
+use super::renumbered::{BEFOREHAND, Numbers, UNLIKELY};
 use super::search::squares;
 use crate::Unknown;
 use crate::steady::chi_squared;
@@ -23,12 +23,6 @@ const LARGER: f64 = 2.5;
 /// made of few stretches that know nothing of each other, by chance a good part more. Set after 4 of 50 good responses with such noise
 /// had been refused by a difference alone.
 const ACROSS: f64 = 2.0;
-
-/// How likely it is that rows were lost so, of one response whose frequencies go evenly that says nothing of it. A choice.
-const BEFOREHAND: f64 = 0.01;
-
-/// What is less likely than this widens no interval that holds nineteen of twenty.
-const UNLIKELY: f64 = 0.05;
 
 /// A walk of a size, in rows squared from row to row, by how much likelier what is left is with it, twice the logarithm, and what it leaves,
 /// squared, of itself.
