@@ -3,7 +3,7 @@
 pub use crate::table::{Gaps, Numbers, Table};
 pub use crate::units::LengthUnit;
 pub(crate) use crate::units::{
-    CURRENT, DIMENSIONS, OTHER_UNITS, TIME, ending, foreign, of_name, share, unit_of, without_unit,
+    CURRENT, DIMENSIONS, OTHER_UNITS, TIME, bare, ending, foreign, of_name, share, unit_of, without_unit,
 };
 use pigtail_hal::Error;
 use pigtail_hal::quantity::{Dimension, RATIO};
@@ -394,19 +394,35 @@ fn own_times(table: &Table, places: &[usize]) -> Result<(), Error> {
     Ok(())
 }
 
+/// The column that is meant by a name: the one that is called so; else the only one that is but for capitals and the way to write a micro, or that is
+/// so without the unit that it ends with. What is taken is printed with the result.
+fn meant(table: &Table, text: &str) -> Option<usize> {
+    let plain = |name: &str| {
+        let micro = name.replace(['\u{b5}', '\u{3bc}'], "u");
+        micro.trim().to_lowercase()
+    };
+    let only = |is_it: &dyn Fn(&str) -> bool| {
+        let mut such = (0..table.names().len()).filter(|place| is_it(&table.names()[*place]));
+        such.next().filter(|_| such.next().is_none())
+    };
+    let wanted = plain(text);
+    let exact = table.names().iter().position(|name| name == text);
+    exact
+        .or_else(|| only(&|name| plain(name) == wanted))
+        .or_else(|| only(&|name| bare(name).is_some_and(|name| plain(name) == wanted)))
+}
+
 fn locate(table: &Table, want: &Wanted) -> Result<(usize, Column), Error> {
     let text = &want.named.name;
     let names = table.names();
-    let find = |name: &str| names.iter().position(|n| n == name);
-    let (place, given) = match (find(text), text.rsplit_once(':')) {
-        (Some(place), _) => (place, None),
-        (None, Some((name, unit))) if find(name).is_some() => {
-            (find(name).unwrap_or_default(), Some(unit.trim()))
-        }
-        _ => {
-            let message = format!("no such column for {}; {}", want.option, table.there_are());
-            return Err(table.error(&**text, message));
-        }
+    let with_unit = || {
+        let (name, unit) = text.rsplit_once(':')?;
+        Some((meant(table, name)?, Some(unit.trim())))
+    };
+    let found = meant(table, text).map(|place| (place, None));
+    let Some((place, given)) = found.or_else(with_unit) else {
+        let message = format!("no such column for {}; {}", want.option, table.there_are());
+        return Err(table.error(&**text, message));
     };
     let name = &names[place];
     let alike = names.iter().filter(|n| *n == name).count();
@@ -645,6 +661,29 @@ mod tests {
         assert!((value(of("x", "x:deg")) - 2.0_f64.to_radians()).abs() < 1e-12);
         assert!((value(of("x", "x")) - 2.0).abs() < 1e-12);
         for (header, named) in [("x_mm", "x_mm:m"), ("x", "x:V"), ("x_V", "x_V"), ("x", "y")] {
+            assert!(of(header, named).is_err(), "{header} {named}");
+        }
+    }
+
+    #[test]
+    fn a_column_is_meant_by_its_name_without_its_unit_where_no_other_is() {
+        const LENGTHS: &[Dimension] = &[LENGTH];
+        let of = |header: &str, named: &str| read_one(&format!("{header}\n2,3\n"), named, LENGTHS);
+        for (header, named) in [
+            ("x_mm,y_mm", "x"),
+            ("x (mm),y", "x"),
+            ("x/mm,y/mm", "X"),
+            ("X_MM,y", "x_mm"),
+            ("Position in mm,y", "position"),
+            ("Position in mm,y", "Position in mm"),
+            ("Position mm,y", "Position"),
+        ] {
+            let column = of(header, named).expect(header);
+            assert_eq!((column.unit, column.values[0]), ("mm", 2e-3), "{header}");
+        }
+        assert_eq!(of("x_\u{b5}m,y", "x_um").expect("a column").unit, "um");
+        // Either could be meant; the unit is another one than is said; what is no unit belongs to the name.
+        for (header, named) in [("x_mm,x_um", "x"), ("x_mm,y", "x:um"), ("x_ref,y", "x")] {
             assert!(of(header, named).is_err(), "{header} {named}");
         }
     }

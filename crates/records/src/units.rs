@@ -124,16 +124,34 @@ pub(crate) fn unit_of(dimensions: &[Dimension], name: &str) -> Option<(Dimension
         .find_map(|dimension| Some((*dimension, dimension.unit(name)?.0)))
 }
 
-/// What a column's name ends with, in brackets, behind a stroke or behind an underscore.
+/// What a column's name ends with, in brackets, behind a stroke, a word or an underscore.
 pub(crate) fn ending(name: &str) -> Option<&str> {
+    parts(name).map(|(_, unit)| unit.trim())
+}
+
+/// A column's name without the unit that it ends with, if that is one.
+pub(crate) fn bare(name: &str) -> Option<&str> {
+    let (name, unit) = parts(name)?;
+    let is_unit = unit_of(&DIMENSIONS, unit.trim()).is_some() || OTHER_UNITS.contains(&unit.trim());
+    is_unit.then(|| name.trim())
+}
+
+/// A column's name before and in what may be its unit.
+fn parts(name: &str) -> Option<(&str, &str)> {
     let bracketed = name
         .strip_suffix([']', ')'])
-        .and_then(|rest| rest.rsplit_once(['[', '(']))
-        .map(|(_, unit)| unit);
-    let suffix = bracketed
-        .or_else(|| over_unit(name).map(|(_, unit)| unit))
-        .or_else(|| name.rsplit_once('_').map(|(_, unit)| unit))?;
-    Some(suffix.trim())
+        .and_then(|rest| rest.rsplit_once(['[', '(']));
+    bracketed
+        .or_else(|| over_unit(name))
+        .or_else(|| name.rsplit_once(" in "))
+        .or_else(|| behind_a_space(name))
+        .or_else(|| name.rsplit_once('_'))
+}
+
+/// A name and a unit of more letters than one, which may be a symbol or number a channel: `Position mm`.
+fn behind_a_space(name: &str) -> Option<(&str, &str)> {
+    name.rsplit_once(' ')
+        .filter(|(_, unit)| unit.chars().count() > 1 && unit_of(&DIMENSIONS, unit).is_some())
 }
 
 /// A quantity over its unit, as tables and axes are headed by ISO 80000: `U / V`, `x/um`. What stands above the stroke is a symbol:
