@@ -100,8 +100,16 @@ impl Oblong {
 
     /// By which share the inverse square of the width is more in x, and less in y.
     pub fn share(&self) -> f64 {
-        (self.sum / (self.told + 1.0 / (TUNING.beam.usual * TUNING.beam.usual)))
-            .clamp(-TUNING.beam.most_oblong, TUNING.beam.most_oblong)
+        let usual = TUNING.beam.usual;
+        // How far the light alone has it beyond what any usual one is, and how well it tells that.
+        let alone = self.sum / self.told;
+        let beyond = alone.abs() - TUNING.beam.unusual * usual;
+        let share = if beyond * self.told.sqrt() > TUNING.beam.unusual {
+            alone
+        } else {
+            self.sum / (self.told + 1.0 / (usual * usual))
+        };
+        share.clamp(-TUNING.beam.most_oblong, TUNING.beam.most_oblong)
     }
 }
 
@@ -598,6 +606,29 @@ mod tests {
             (0.6..1.2).contains(&(measured / prediction)),
             "{measured} {prediction}"
         );
+    }
+
+    /// Light falls along y by a twentieth of what it falls by along x: were that believed to be a ninth, the peak would be believed to be known
+    /// along y more than twice as well as it is.
+    #[test]
+    fn a_spot_five_times_as_wide_one_way_as_the_other_is_believed_to_be_so() {
+        let (share, mut told) = ((25.0 - 1.0) / (25.0 + 1.0), Oblong::default());
+        let (mut truth, mut believed) = (beam(), beam());
+        truth.oblong = share;
+        let readings = circle(&truth, 1.4e-6, 0.0, Displacement::ZERO, 2.0);
+        for _ in 0..20 {
+            let peak = believed.fit(&readings, 5e-3).unwrap();
+            believed.tell(&mut told, &readings, &peak, 5e-3);
+            believed.set_oblong(&told);
+        }
+        let [narrow, wide] = believed.squared_widths(0.0);
+        assert!((wide / narrow / 25.0 - 1.0).abs() < 0.2, "{wide} {narrow}");
+        // What is usual is believed until light says otherwise.
+        let vague = Oblong {
+            told: 10.0,
+            sum: 6.0,
+        };
+        assert!(vague.share() < 0.2, "{}", vague.share());
     }
 
     /// A spot that piezos at 45 degrees make oblong, for one goes farther; in x and y it is oblong too.

@@ -326,6 +326,11 @@ impl<'r> ConicalScan<'r> {
         self.beam.width(gap)
     }
 
+    /// The same in x and in y.
+    pub(crate) fn beam_widths(&self, gap: f64) -> [f64; 2] {
+        self.beam.squared_widths(gap).map(f64::sqrt)
+    }
+
     /// Turns take longer from now on, as the recipe has it: a micro that swings along with them at one rate does not at another. Returns whether
     /// they do.
     pub fn slow_down(&mut self) -> bool {

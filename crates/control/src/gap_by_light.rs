@@ -351,6 +351,7 @@ mod tests {
         at: 0.0,
         bound: 6e-6,
         sigma: 0.3e-6,
+        hidden: 0.07e-6,
     };
 
     const GAPS_SEEN: [f64; 5] = [6e-6, 15e-6, 30e-6, 45e-6, 60e-6];

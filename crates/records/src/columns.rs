@@ -3,7 +3,8 @@
 pub use crate::table::{Gaps, Numbers, Table};
 pub use crate::units::LengthUnit;
 pub(crate) use crate::units::{
-    CURRENT, DIMENSIONS, OTHER_UNITS, TIME, bare, ending, foreign, of_name, share, unit_of, without_unit,
+    CURRENT, DIMENSIONS, OTHER_UNITS, TIME, bare, ending, foreign, of_name, share, unit_of,
+    without_unit,
 };
 use pigtail_hal::Error;
 use pigtail_hal::quantity::{Dimension, RATIO};

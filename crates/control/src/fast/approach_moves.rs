@@ -134,11 +134,20 @@ impl Aim {
                 .await?;
             cell.next_frame().await?;
         }
-        // What is still aside then stays farther off until it is in front of its port.
-        let there = self.off_the_facet(cell, recipe, start());
-        let nearer = self.too_near(cell, recipe, there, self.beside(cell));
-        let there = there.shifted(0.0, 0.0, -nearer);
-        cell.go(self.side, there).await
+        for _ in 0..TUNING.gap.sideways {
+            // What is still aside then stays farther off until it is in front of its port.
+            let start = start();
+            let there = self.off_the_facet(cell, recipe, start);
+            let nearer = self.too_near(cell, recipe, there, self.beside(cell));
+            let there = there.shifted(0.0, 0.0, -nearer);
+            cell.go(self.side, there).await?;
+            if there == start {
+                break;
+            }
+            // Near to the chip who guards the machine comes to know it better.
+            cell.next_frame().await?;
+        }
+        Ok(())
     }
 
     /// A place of the holder, or one farther from the chip where the inclined facet may stand out as far before the tip there.
@@ -163,9 +172,20 @@ impl Aim {
         beside: f64,
     ) -> f64 {
         let [bound, _] = cell.spec().vision.believed();
-        let gap = self.off_the_port(cell, there) + outward(self.side) * self.offset(cell).1;
+        let then = self.off_the_port(cell, there);
+        let gap = then + outward(self.side) * self.offset(cell).1;
+        let room = self.room_at(cell, then).unwrap_or(f64::INFINITY);
         let out = self.facet(recipe).stands_out(cell.spec(), beside, bound);
-        (out + 2.0 * TUNING.gap.upward - gap).max(0.0)
+        (out + 2.0 * TUNING.gap.upward - gap)
+            .max(out - room)
+            .max(0.0)
+    }
+
+    /// How far from its port who guards the machine would have a fiber whose holder comes to be so `far` from that, before it sees it there; metres.
+    fn room_at(&self, cell: &AlignmentCell<'_>, far: f64) -> Option<f64> {
+        let way = self.off_the_port(cell, cell.endpoint(self.side)) - far;
+        let room = cell.room_before(self.side, self.port.z, way)? - way;
+        (self.tip == Tip::Fiber).then_some(room)
     }
 
     /// The gap for circles: how it follows the macro.
@@ -367,7 +387,7 @@ impl Shared<'_> {
             cell.stands(aim.side).await?;
             calm_down(cell, aim, recipe).await?;
             let start = || aim.holder(cell, exit, -below, fast.input_gap);
-            aim.come_in(cell, recipe, start).await
+            Box::pin(aim.come_in(cell, recipe, start)).await
         };
         let eye = async {
             let first = sensing.holder(cell, exit, -s.below - run_up, s.gap + far);
@@ -376,7 +396,7 @@ impl Shared<'_> {
             cell.stands(sensing.side).await?;
             calm_down(cell, sensing, recipe).await?;
             let start = || sensing.holder(cell, exit, -s.below, s.gap);
-            sensing.come_in(cell, recipe, start).await
+            Box::pin(sensing.come_in(cell, recipe, start)).await
         };
         let there = Cell::new(false);
         let arms = async {
@@ -540,7 +560,7 @@ impl Shared<'_> {
     /// The last way to the start of a search, upward; there the tip is seen to stand right across.
     async fn to_start(&self, cell: &AlignmentCell<'_>, aim: &Aim, gap: f64) -> Result<(), Halt> {
         let goal = || aim.holder(cell, self.exit(), -self.below(), gap);
-        aim.come_in(cell, self.recipe, goal).await?;
+        Box::pin(aim.come_in(cell, self.recipe, goal)).await?;
         until_seen(cell, aim, self.fast.straight).await?;
         self.straighten(cell, aim, (gap, 0.0))?;
         Ok(cell.stands(aim.side).await?)
@@ -593,7 +613,7 @@ impl Shared<'_> {
                 .await?;
             cell.next_frame().await?;
         }
-        aim.come_in(cell, recipe, start).await?;
+        Box::pin(aim.come_in(cell, recipe, start)).await?;
         // What came out aside where joints turned back is seen by now, and who guards the machine knows the tip better at rest.
         until_seen(cell, aim, self.fast.straight).await?;
         self.straighten(cell, aim, (look.gap, look.aside))?;

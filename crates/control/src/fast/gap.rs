@@ -460,6 +460,7 @@ fn touching(
         at: -added,
         bound: seen.bound_z,
         sigma: seen.sigma_z(),
+        hidden: hidden(cell.spec()),
     };
     let found = contact(&widths, &known)?;
     let (at, deviation) = found.by_light;
@@ -469,6 +470,13 @@ fn touching(
         deviation: found.deviation.hypot(moved),
         ..found
     })
+}
+
+/// What a z-stage's transmission keeps to itself of the way between two looks, standard deviation, metres: more where its datasheet says that it winds
+/// up by more.
+fn hidden(spec: &Spec) -> f64 {
+    let wound = TUNING.width.of_windup * spec.guard.windup_z;
+    TUNING.width.hidden.max(wound)
 }
 
 /// A width, and what vision said when it was seen.
@@ -552,15 +560,16 @@ async fn beside(
     for _ in 0..TUNING.gap.beside_again {
         centred(cell, aim, scan).await?;
         let gap = aim.gap(cell);
+        // One that is three times as wide upward as across has a tenth of its light where another has none.
         let (spot, width) = (scan.place(gap), scan.beam_width(gap));
-        let by = TUNING.gap.beside * width;
+        let [across, up] = scan.beam_widths(gap).map(|wide| TUNING.gap.beside * wide);
         // Below it: what goes across before an inclined facet is believed to come nearer to the chip. Or away from where the micro's way ends.
-        let below = spot - Displacement::new(0.0, by);
+        let below = spot - Displacement::new(0.0, up);
         let lowest = below - Displacement::new(0.0, width);
         let there = if cell.micro_reaches(aim.side, lowest) {
             below
         } else {
-            spot - Displacement::new(by.copysign(spot.x), 0.0)
+            spot - Displacement::new(across.copysign(spot.x), 0.0)
         };
         // A way of some widths sets a micro swinging that is hardly damped, and one that swings past the spot sees light there.
         let turns = TUNING.gap.beside_turns.max(scan.turns_to_settle(cell));

@@ -106,6 +106,8 @@ pub struct Known {
     pub bound: f64,
     /// ...but for a normal error of this standard deviation, metres.
     pub sigma: f64,
+    /// What a transmission keeps to itself of the way between two looks, standard deviation, metres.
+    pub hidden: f64,
 }
 
 /// Where fiber and chip touch.
@@ -181,8 +183,8 @@ pub fn contact(widths: &[Width], known: &Known) -> Option<Contact> {
     let spread = spread_of(&tried, both, worse)?;
     Some(Contact {
         at,
-        deviation: deviation.hypot(TUNING.width.hidden),
-        by_light: (by_light.0, by_light.1.hypot(TUNING.width.hidden)),
+        deviation: deviation.hypot(known.hidden),
+        by_light: (by_light.0, by_light.1.hypot(known.hidden)),
         spread,
     })
 }

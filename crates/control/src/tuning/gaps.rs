@@ -124,6 +124,9 @@ topic! {
         /// What a transmission may keep to itself of a way along z, standard deviation: 0.2 um peak to peak are what the thesis
         /// finds of its z-stage (2.4.3).
         hidden: f64 = 0.07e-6, "m", Stated;
+        /// The same as a share of what the datasheet says that it winds up, where that is more: 0.2 um of 4 peak to peak. Set after machines of `harsh`
+        /// (10 um) had kept 0.2 to 0.4 um to themselves.
+        of_windup: f64 = 0.0175, "1", Choice;
         /// How well the width at the chip is known before it is looked at, standard deviation of the logarithm of its square: as
         /// good as not at all.
         roughly: f64 = 0.5, "1", Choice;
@@ -143,8 +146,11 @@ topic! {
         /// How oblong modes are before anything was seen: one standard deviation, of guides diffused by 20 % more or less in either
         /// direction.
         usual: f64 = 0.16, "1", Choice;
-        /// No spot is more oblong: one that is three times as wide one way as the other, as those of diode lasers are.
-        most_oblong: f64 = 0.8, "1", Choice;
+        /// No spot is more oblong: one that is seven times as wide one way as the other, of guides of 12 um by 1.2 um. (Three times, as of diode lasers,
+        /// until a guide of `harsh` was 14 um by 2: what is believed to be narrower than it is, is believed to be known better.)
+        most_oblong: f64 = 0.96, "1", Choice;
+        /// A guide that is so many times as oblong as usual is none of the usual ones: what light tells of it counts alone.
+        unusual: f64 = 3.0, "sigma", Choice;
         /// How well widths tell how oblong it is, one standard deviation.
         known: f64 = 0.03, "1", Choice;
         /// Least share of what readings tell that they do not tell of x and y as well.
