@@ -7,7 +7,7 @@
 
 use super::bent::NAMES;
 use super::other::{moves, symmetric};
-use super::slides::Slides;
+use super::slides::{ASIDE, Slides};
 use super::{Equations, Method, Moved, Record, Settings, Variant, check, supported};
 use nalgebra::DMatrix;
 use pigtail_numerics::regression::{Solution, least_squares, over, tolerance, without_attenuation};
@@ -19,6 +19,13 @@ const STRETCHES: usize = 32;
 
 /// Least tolerance of a column beside the others.
 const OWN: f64 = 1e-4;
+
+/// Of what equations half as many say otherwise, what all of them are wrong by. Filters that run both ways, and differences about a sample,
+/// smear a step alike to either side: what that changes grows with the square of their length, and is four times as much by twice of it.
+const SMEARED: f64 = 1.0 / 3.0;
+
+/// The same of equations in which the axis slides: those in which it stands are wrong, and all of them by what they add.
+const STANDING: f64 = 1.0;
 
 /// Makes parameters less sure by what fewer equations say otherwise, and tells so.
 pub(super) fn fewer(
@@ -54,7 +61,7 @@ fn coarser(
     others.retain(&there(&columns.time, &others.time)?);
     let noise = [(moved, set), (&half_moved, &half)].map(|(m, s)| check::acceleration_noise(m, s));
     let [all, fewer] = [said(columns, noise[0])?, said(&others, noise[1])?];
-    let any = less_sure(&all, &fewer, variants, |_| true);
+    let any = less_sure((&all, &fewer), SMEARED, variants, |_| true);
     any.then(|| {
         "equations twice as far apart say otherwise than all of them: filters smear what friction does where it turns or stops, and \
          parameters are less sure by that"
@@ -75,7 +82,9 @@ fn standing(columns: &Equations, variants: &mut [Variant]) -> Option<String> {
     let rows = |of: &dyn Fn(usize) -> bool| (0..x.nrows()).filter(|i| of(*i)).collect::<Vec<_>>();
     let whole = Told::of(&x, whole, &rows(&|_| true), &columns.time)?;
     let moving = Told::of(&x, moving, &rows(&|i| slides[i]), &columns.time)?;
-    let any = less_sure(&whole, &moving, variants, |v| v.method != Method::Delayed);
+    let any = less_sure((&whole, &moving), STANDING, variants, |v| {
+        v.method != Method::Delayed
+    });
     any.then(|| {
         "equations far from where it stands or turns say otherwise than all of them: parameters are less sure by that".to_owned()
     })
@@ -135,10 +144,11 @@ fn chance(all: &Told, fewer: &Told, parameter: usize) -> f64 {
     (squares * stretches / (stretches - taken)).sqrt()
 }
 
-/// Makes parameters less sure by what a fit to fewer equations says otherwise by more than chance; whether that is more than what they said.
+/// Makes parameters less sure by a share of what a fit to fewer equations says otherwise by more than chance; whether that is more than what
+/// they said.
 fn less_sure(
-    all: &Told,
-    fewer: &Told,
+    (all, fewer): (&Told, &Told),
+    share: f64,
     variants: &mut [Variant],
     of: impl Fn(&Variant) -> bool,
 ) -> bool {
@@ -146,11 +156,11 @@ fn less_sure(
     for (j, names) in NAMES.iter().enumerate() {
         let chance = chance(all, fewer, j);
         let off = (fewer.values[j] - all.values[j]).abs();
-        if off <= chance {
+        if off <= ASIDE * chance {
             continue;
         }
-        // What is left of it beyond chance, whose square is taken off, is an error anywhere up to that.
-        let beyond = ((off.powi(2) - chance.powi(2)) / 3.0).sqrt();
+        // Chance's own square is in it.
+        let beyond = share * (off.powi(2) - chance.powi(2)).sqrt();
         let parameters = variants.iter_mut().filter(|v| of(v));
         let parameters = parameters.flat_map(|v| &mut v.parameters);
         let known = parameters

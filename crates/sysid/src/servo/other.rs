@@ -1,10 +1,13 @@
 //! What drives or holds an axis beside its inertia and its friction, and what changes within a record: no parameter here
 //! stands for it, and those that there are would be off by it.
 
-use super::{Equations, Friction, LATE, Method, Moved, Record, SLOW, Settings, Unknown, Variant};
+use super::slides::ASIDE;
+use super::{
+    Equations, Friction, LATE, Method, Moved, Record, SLOW, Settings, Unknown, Variant, check,
+};
 use nalgebra::{DMatrix, DVector};
 use pigtail_numerics::regression::{
-    Solution, least_squares, least_squares_alone, matrix, over, relative,
+    Solution, least_squares, least_squares_alone, matrix, over, relative, tolerance,
 };
 use pigtail_numerics::signal::{quantile, rms};
 use std::f64::consts::TAU;
@@ -136,13 +139,28 @@ impl Place {
             let all = beside(&x, &place.columns(&position));
             let span = all.qr().q();
             let left = without(&span, &force);
+            // What nothing else tells of the acceleration.
+            let others = beside(&x.clone().remove_column(0), &place.columns(&position));
+            let acceleration: Vec<f64> = x.column(0).iter().copied().collect();
+            let alone = without(&others.qr().q(), &acceleration);
+            let least = check::OWN * x.column(0).norm_squared();
             let told = |cycles: f64| {
-                let [a, b] = Self::wave(&share, cycles).map(|c| without(&span, &c));
-                let b = &b - &a * (a.dot(&b) / a.norm_squared().max(f64::MIN_POSITIVE));
+                let waves = Self::wave(&share, cycles);
+                let along = |c: &[f64]| DVector::from_column_slice(c).dot(&alone) / alone.norm();
+                let [along_a, along_b] = [along(&waves[0]), along(&waves[1])];
+                let [a, b] = waves.map(|c| without(&span, &c));
+                let both = a.dot(&b) / a.norm_squared().max(f64::MIN_POSITIVE);
+                let parts = [(along_b - along_a * both, b - &a * both), (along_a, a)];
                 // A column of which the others tell nearly all tells nothing.
                 let own = |c: &DVector<f64>| c.norm_squared() > 1e-6 * share.len() as f64;
+                let own = || parts.iter().filter(|(_, c)| own(c));
+                let hidden: f64 = own().map(|(k, c)| k.powi(2) / c.norm_squared()).sum();
+                // Nor is one to tell what the acceleration does: where a motion repeats its ways it goes with the place.
+                if alone.norm_squared() < (1.0 + hidden) * least {
+                    return 0.0;
+                }
                 let tells = |c: &DVector<f64>| c.dot(&left).powi(2) / c.norm_squared();
-                [a, b].iter().filter(|c| own(c)).map(tells).sum::<f64>()
+                own().map(|(_, c)| tells(c)).sum::<f64>()
             };
             let tried = (0..TRIED).map(|k| {
                 let cycles = 0.5 * (2.0 / SHORTEST).powf(k as f64 / (TRIED - 1) as f64);
@@ -217,8 +235,11 @@ pub(super) fn of_place(
     remarks: &mut Vec<String>,
 ) -> OfPlace {
     let mut columns = moved.equations(record, set);
-    // An axis that rests at some places is held there by friction.
-    if let Some(slides) = sliding(&columns) {
+    // An axis that rests at some places is held there by friction, and few equations from one turn to the next smear friction's steps over
+    // the places where it turns, again and again.
+    let slides = moves(&columns);
+    let slide = slides.iter().filter(|s| **s).count() >= super::LEAST_EQUATIONS;
+    if slide {
         columns.retain(&slides);
     }
     let columns = columns;
@@ -233,30 +254,34 @@ pub(super) fn of_place(
             held_back(&x, &columns.force)?,
             held_back(&all, &columns.force)?,
         );
-        (after < LATE * before).then_some((plain, place, parts, joint, after / before))
+        Some((plain, place, parts, joint, after / before))
     };
     let Some((plain, place, parts, joint, ratio)) = found() else {
         return OfPlace::default();
     };
-    // Few equations from one turn to the next smear friction's steps over the places where the axis turns, again and again.
-    let believed = || {
-        let rows: Vec<usize> = (0..)
-            .zip(moves(&columns))
-            .filter_map(|(i, moves)| moves.then_some(i))
-            .collect();
-        let force: Vec<f64> = rows.iter().map(|i| columns.force[*i]).collect();
-        let all = beside(&x, &parts);
-        let left = |x: &DMatrix<f64>| held_back(&x.select_rows(&rows), &force);
-        rows.len() >= super::LEAST_EQUATIONS
-            && left(&x)
-                .zip(left(&all))
-                .is_some_and(|(before, after)| after < LATE * before)
-    };
-    if ratio > TWICE || !believed() {
-        let off = |j: usize| (plain.values[j] - joint.values[j]).abs() - joint.std_correlated[j];
+    let shows = ratio < LATE;
+    // Of a motion of one sine a spring alone is one with the inertia: as much of a force of the place as shows may hide there.
+    if tolerance(&beside(&x, &parts), 0) < check::OWN {
+        let hidden = || {
+            let acceleration = rms(x.column(0).iter().copied());
+            rms(plain.residuals.iter().copied()) / acceleration
+        };
+        let off = shows.then(hidden);
         return OfPlace {
             place: None,
-            off: (0..x.ncols()).map(|j| off(j).max(0.0)).collect(),
+            off: off.into_iter().collect(),
+        };
+    }
+    if ratio > TWICE || !slide {
+        // It may hide where it does not show: where a motion repeats its ways a spring is nearly one with the inertia.
+        let off = |j: usize| {
+            let off = (plain.values[j] - joint.values[j]).abs();
+            (off > ASIDE * joint.std_correlated[j]).then_some(off)
+        };
+        let all = 0..if shows || slide { x.ncols() } else { 0 };
+        return OfPlace {
+            place: None,
+            off: all.map(|j| off(j).unwrap_or(0.0)).collect(),
         };
     }
     let force = |i: usize| {

@@ -4,12 +4,12 @@
 //! know. Channels of two instruments are further apart, and may have clocks that run apart.
 
 use super::{
-    Friction, LATE, LATEST, Method, Moved, Record, SLOW, Settings, VOLTAGE, Variant, check,
+    Friction, LATE, LATEST, Method, Moved, Record, Settings, VOLTAGE, Variant, check, other,
 };
 use crate::Unknown;
 use pigtail_numerics::bisection::onset;
 use pigtail_numerics::regression::{least_squares_alone, over, tolerance};
-use pigtail_numerics::signal::{between, quantile, rms};
+use pigtail_numerics::signal::{between, rms};
 use pigtail_numerics::statistics::outside;
 use std::borrow::Cow;
 use std::fmt::Write as _;
@@ -358,9 +358,9 @@ fn estimate(record: &Record, moved: &Moved, set: &Settings, so_far: &Skew) -> Op
     if n < 10 * PARTS {
         return None;
     }
-    let speeds: Vec<f64> = columns.velocity.iter().map(|v| v.abs()).collect();
-    let moving = SLOW * quantile(&speeds, 0.99);
-    let moves = |i: usize| columns.velocity[i].abs() > moving;
+    // Beside a start, a stop or a turn the step of friction is smeared, and passes for a voltage of another moment.
+    let slides = other::moves(&columns);
+    let moves = |i: usize| slides[i];
     let x = columns.matrix(Friction::Asymmetric, Method::Delayed);
     let plain = columns.matrix(Friction::Asymmetric, Method::LeastSquares);
     let solution = over(&x, &columns.force, moves)?;
