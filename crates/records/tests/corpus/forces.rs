@@ -1,7 +1,7 @@
 //! Axes whose force has more in it than inertia and friction, that rest between their moves, or that change meanwhile.
 
 use crate::Wanted;
-use crate::servo::{MADE, PERIOD, Rows, SLED, answer, judge, read_at, text};
+use crate::servo::{MADE, PERIOD, Rows, SLED, answer, judge, read_at, text, there_and_back};
 use pigtail_sysid::servo::Axis;
 use std::f64::consts::TAU;
 
@@ -88,6 +88,20 @@ const CASES: &[Case] = &[
         wanted: Wanted::Right,
         reference: waves,
         beside: |x, _, _| 15.0 * (TAU * x / 0.01).sin(),
+        axis: same,
+    },
+    Case {
+        name: "a spring, on the same move there and back, again and again",
+        wanted: Wanted::Right,
+        reference: |t| there_and_back(t, 2.6),
+        beside: |x, _, _| 1000.0 * x,
+        axis: same,
+    },
+    Case {
+        name: "cogging at every 20 mm, on such a move",
+        wanted: Wanted::Right,
+        reference: |t| there_and_back(t, 2.4),
+        beside: |x, _, _| 3.0 * (TAU * x / 0.02).sin(),
         axis: same,
     },
     Case {

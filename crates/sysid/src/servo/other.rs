@@ -6,6 +6,7 @@ use super::{
     Equations, Friction, LATE, Method, Moved, Record, SLOW, Settings, Unknown, Variant, check,
 };
 use nalgebra::{DMatrix, DVector};
+use pigtail_numerics::golden::least;
 use pigtail_numerics::regression::{
     Solution, least_squares, least_squares_alone, matrix, over, relative, tolerance,
 };
@@ -29,6 +30,9 @@ const WAVES: usize = 4;
 const SHORTEST: f64 = 0.02;
 const TRIED: usize = 160;
 const WORTH: f64 = 0.1;
+
+/// To what share of the way from one try to the next a wave's length is told.
+const FINER: f64 = 0.01;
 
 /// Most equations by which they are looked for.
 const SEARCHED: usize = 20_000;
@@ -143,7 +147,7 @@ impl Place {
             let others = beside(&x.clone().remove_column(0), &place.columns(&position));
             let acceleration: Vec<f64> = x.column(0).iter().copied().collect();
             let alone = without(&others.qr().q(), &acceleration);
-            let least = check::OWN * x.column(0).norm_squared();
+            let own_least = check::OWN * x.column(0).norm_squared();
             let told = |cycles: f64| {
                 let waves = Self::wave(&share, cycles);
                 let along = |c: &[f64]| DVector::from_column_slice(c).dot(&alone) / alone.norm();
@@ -156,21 +160,22 @@ impl Place {
                 let own = || parts.iter().filter(|(_, c)| own(c));
                 let hidden: f64 = own().map(|(k, c)| k.powi(2) / c.norm_squared()).sum();
                 // Nor is one to tell what the acceleration does: where a motion repeats its ways it goes with the place.
-                if alone.norm_squared() < (1.0 + hidden) * least {
+                if alone.norm_squared() < (1.0 + hidden) * own_least {
                     return 0.0;
                 }
                 let tells = |c: &DVector<f64>| c.dot(&left).powi(2) / c.norm_squared();
                 own().map(|(_, c)| tells(c)).sum::<f64>()
             };
-            let tried = (0..TRIED).map(|k| {
-                let cycles = 0.5 * (2.0 / SHORTEST).powf(k as f64 / (TRIED - 1) as f64);
-                (told(cycles), cycles)
-            });
+            let cycles = |k: f64| 0.5 * (2.0 / SHORTEST).powf(k / (TRIED - 1) as f64);
+            let tried = (0..TRIED).map(|k| (told(cycles(k as f64)), k));
             let best = tried.max_by(|a, b| a.0.total_cmp(&b.0))?;
             if best.0 < WORTH * left.norm_squared() {
                 break;
             }
-            place.cycles[k] = best.1;
+            // Where the longest and the next one try are in step at one end, they are a fifth of a wave apart at the other.
+            let near = |k: f64| -told(cycles(k));
+            let at = best.1 as f64;
+            place.cycles[k] = cycles(least((at - 1.0, at + 1.0), FINER, near));
         }
         Some(place)
     }
@@ -192,17 +197,36 @@ pub(super) fn beside(x: &DMatrix<f64>, more: &[Vec<f64>]) -> DMatrix<f64> {
 }
 
 /// Equations from which all that goes with the place is taken out: those of the rest of the force, whose parameters are
-/// the same.
+/// the same. How much goes with it is told by those in which the axis slides, if there are enough: what holds an axis that stands is no
+/// force of the place, and would be spread over all the others.
 pub(super) fn taken_out(columns: &mut Equations, place: &Place) {
     let of_place = place.columns(&columns.position);
     let slices: Vec<&[f64]> = of_place.iter().map(|c| &c[..]).collect();
-    let span = matrix(&slices).qr().q();
+    let all = matrix(&slices);
+    let mut rows: Vec<usize> = (0..)
+        .zip(moves(columns))
+        .filter_map(|(i, s)| s.then_some(i))
+        .collect();
+    if rows.len() < super::LEAST_EQUATIONS {
+        rows = (0..all.nrows()).collect();
+    }
+    let parts = all.select_rows(&rows).qr();
+    let (span, shares) = (parts.q(), parts.r());
+    let without = |column: &mut Vec<f64>| {
+        let told = DVector::from_iterator(rows.len(), rows.iter().map(|i| column[*i]));
+        let Some(shares) = shares.solve_upper_triangular(&span.tr_mul(&told)) else {
+            return;
+        };
+        for (value, goes) in column.iter_mut().zip((&all * shares).iter()) {
+            *value -= goes;
+        }
+    };
     let mut told = columns.clone();
     for column in told.regressors_mut() {
-        *column = without(&span, column).iter().copied().collect();
+        without(column);
     }
     for column in [&mut columns.force, &mut columns.lag, &mut columns.curve] {
-        *column = without(&span, column).iter().copied().collect();
+        without(column);
     }
     columns.told = Some(Box::new(told));
 }
@@ -273,15 +297,21 @@ pub(super) fn of_place(
         };
     }
     if ratio > TWICE || !slide {
-        // It may hide where it does not show: where a motion repeats its ways a spring is nearly one with the inertia.
+        // It may hide where it does not show: where a motion repeats its ways a spring is nearly one with the inertia, and how much of one is
+        // there nobody knows better than the two together say.
         let off = |j: usize| {
             let off = (plain.values[j] - joint.values[j]).abs();
-            (off > ASIDE * joint.std_correlated[j]).then_some(off)
+            let [one, both] = [&plain, &joint].map(|s| s.std_correlated[j]);
+            if off > ASIDE * both {
+                off
+            } else {
+                (both.powi(2) - one.powi(2)).max(0.0).sqrt()
+            }
         };
         let all = 0..if shows || slide { x.ncols() } else { 0 };
         return OfPlace {
             place: None,
-            off: all.map(|j| off(j).unwrap_or(0.0)).collect(),
+            off: all.map(off).collect(),
         };
     }
     let force = |i: usize| {

@@ -199,9 +199,10 @@ pub(super) fn skew(record: &Record, moved: &Moved, set: &Settings) -> Result<Ske
             break;
         }
     }
-    // A held voltage's own delay is left in one that was moved by whole samples, and counts in neither.
+    // A held voltage's own delay is left in one that was moved by whole samples, and counts in neither. Steps that tell little better are what
+    // an axis that starts and stops leaves beside its friction.
     if let Some(stairs) = stairs
-        && estimate(&stairs).is_some_and(|next| next.delayed < left.delayed)
+        && estimate(&stairs).is_some_and(|next| next.delayed < LATE * left.delayed)
     {
         return Ok(stairs);
     }
