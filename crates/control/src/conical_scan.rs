@@ -10,12 +10,14 @@ mod answer;
 mod around;
 mod centring;
 mod closing;
+mod drift;
 mod follows;
 mod known;
 mod last;
 mod piezos;
 mod steps;
 mod told;
+mod unsteady;
 mod wander;
 
 use self::answer::Turn;
@@ -132,6 +134,8 @@ pub struct ConicalScan<'r> {
     moved: f64,
     /// How the peak moves, metres a turn, as the last turns have seen it.
     drift: Displacement,
+    /// How well that is known in x and in y, one standard deviation.
+    drifts: [f64; 2],
     /// The part of it that chance has not made.
     surely: Displacement,
     /// Variance of a turn's peak beyond what the photodiode's noise makes of it, in x and in y, square metres: a tip that shakes
@@ -196,6 +200,7 @@ impl<'r> ConicalScan<'r> {
             looks: None,
             moved: f64::INFINITY,
             drift: Displacement::ZERO,
+            drifts: [0.0; 2],
             surely: Displacement::ZERO,
             unrest: [0.0; 2],
             scatter: ([0.0; 2], 0.0),
@@ -551,24 +556,6 @@ impl<'r> ConicalScan<'r> {
         let end = bench.now() + seconds;
         while self.hear(bench, gap, end).await? != Event::Time {}
         Ok(())
-    }
-
-    /// So many seconds on the circle, the middle of which moves on as the peak did.
-    async fn follow_drift(
-        &mut self,
-        bench: &Reactor<'_>,
-        gap: f64,
-        seconds: f64,
-    ) -> Result<(), Halt> {
-        self.centre += self.drift * (seconds / self.period);
-        let gap = Gap::Steady(gap);
-        let law = self.law(gap, (seconds, 0.0));
-        if let Some((ticket, played)) = &mut self.played
-            && bench.bend(*ticket, Law::Dither(law)).is_ok()
-        {
-            *played = law;
-        }
-        Ok(self.last_for(bench, gap, seconds).await?)
     }
 
     /// The peak by the last turn, at no gap; `None` where there is no light.

@@ -111,7 +111,7 @@ pub(super) struct Ahead {
     /// How it moves, metres a turn...
     pub(super) slope: f64,
     /// ...and how well that is known.
-    slope_deviation: f64,
+    pub(super) slope_deviation: f64,
     /// Variance of a turn's peak about that as it was seen, square metres...
     pub(super) scatter: f64,
     /// ...and as it is believed.

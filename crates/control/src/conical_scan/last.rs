@@ -189,6 +189,7 @@ impl ConicalScan<'_> {
     fn note_motion(&mut self, ahead: &[Ahead; 2], last: &Peak, turns: usize) {
         let [x, y] = ahead;
         self.drift = Displacement::new(x.slope, y.slope);
+        self.drifts = [x.slope_deviation, y.slope_deviation];
         self.surely = Displacement::new(x.surely(), y.surely());
         let noises = last.deviations.map(|noise| noise * noise);
         // Whoever knows nothing of a bench follows what wanders by all turns together.
@@ -267,6 +268,7 @@ impl ConicalScan<'_> {
                 }
                 .into());
             };
+            let seen = self.by_its_light(&seen, gap);
             let swing = self.swing(&seen, gap);
             rings |= swing * shorter > TUNING.last.quiet;
             let quiet = swing < TUNING.last.quiet || !rings;
@@ -359,19 +361,26 @@ impl ConicalScan<'_> {
         // Where turns tell as they do on a bench that nobody has measured, all of them are put together elsewhere.
         let times = if self.wary { 1 } else { times };
         let (mut at, mut full) = (first.at, first.full);
+        let mut beside = self.light_beside(&first, gap);
+        let by_first = self.noisier(beside);
         for _ in 1..times {
             self.turn(bench, gap).await?;
             let Some(seen) = self.peak() else {
                 return Err(self.lost(phase, None, gap));
             };
             (at, full) = (at + seen.at, full + seen.full);
+            let one = self.light_beside(&seen, gap);
+            beside = beside.zip(one).map(|(all, one)| all.and(one));
         }
         let n = f64::from(times);
+        let noisier = self.noisier(beside) / by_first;
         let mean = Peak {
             at: at / n,
             full: full / n,
-            full_deviation: first.full_deviation / n.sqrt(),
-            deviations: first.deviations.map(|deviation| deviation / n.sqrt()),
+            full_deviation: noisier * first.full_deviation / n.sqrt(),
+            deviations: first
+                .deviations
+                .map(|deviation| noisier * deviation / n.sqrt()),
         };
         Ok((mean, times))
     }
@@ -462,7 +471,14 @@ impl ConicalScan<'_> {
         };
         // It comes to rest, and not a moment longer than it may swing: piezos creep.
         let settling = bench.settling(self.watch.group);
-        let rest = HALF_TURN + last + settling / self.period;
+        // In a turn a creep that was seen slows down; what goes on for longer is what warms, and that does so steadily.
+        let soon = if self.wary {
+            settling
+        } else {
+            settling.min(self.period)
+        };
+        let followed = (settling - soon) / self.period;
+        let rest = HALF_TURN + last + soon / self.period;
         let longer = if self.shaking.rings() || may_ring {
             (self.forgets - 1.0) * settling
         } else {
@@ -482,9 +498,12 @@ impl ConicalScan<'_> {
         let at = at - beside;
         self.go_to(bench, &Peak { at, ..seen }, gap)?;
         self.shrink(bench, gap, 0.0, last).await?;
-        self.last_for(bench, Gap::Steady(gap), settling).await?;
+        self.last_for(bench, Gap::Steady(gap), soon).await?;
         // The peak moves on meanwhile as it did from turn to turn.
-        self.follow_drift(bench, gap, longer).await?;
+        let drift = self.steadily();
+        self.follow_drift(bench, gap, (drift.way, settling - soon))
+            .await?;
+        self.follow_drift(bench, gap, (self.drift, longer)).await?;
         let later = longer / self.period;
         // Fiber and guide are not quite as designed: by how much the peak is wider than believed, two
         // circles tell.
@@ -497,6 +516,7 @@ impl ConicalScan<'_> {
             return Err(Outcome::Misshapen { misfit, accepted }.into());
         }
         let known = self.until_fixed(by_light, (behind, aside), times, (rest, later));
+        let known = drift.for_turns(followed, known);
         let deviation = full
             * f64::hypot(
                 (1.0 + power) * seen.full_deviation / seen.full,

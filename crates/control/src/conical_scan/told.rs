@@ -138,7 +138,7 @@ impl ConicalScan<'_> {
     }
 
     /// How unsteady light was on the wide circle, as a share of it: what a place makes of it that scatters by so much.
-    fn unsteady_before(&self, gap: f64) -> f64 {
+    pub(super) fn unsteady_before(&self, gap: f64) -> f64 {
         2.0 * self.shape.radius * self.shaking.on_wide() / self.beam.width(gap)
     }
 
