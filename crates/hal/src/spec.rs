@@ -80,7 +80,7 @@ impl Default for HandlingSpec {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct BondSpec {
-    /// For how long a fiber has to be held until it is fixed, seconds. It is fixed where its tip was on average, so that
+    /// For how long a fiber has to be held until it is fixed, at most, seconds. It is fixed where its tip was on average, so that
     /// what shakes faster averages out. Nought: in an instant, wherever it happens to be.
     #[serde(with = "quantity::NonNegativeTime")]
     pub time: f64,

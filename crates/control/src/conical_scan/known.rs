@@ -10,6 +10,11 @@ use crate::reactor::Reactor;
 use crate::tuning::TUNING;
 use pigtail_model::frames::Displacement;
 
+/// Over as little as shaking may average out while a fiber's bond sets, seconds.
+pub(super) fn sets(bench: &Reactor<'_>) -> f64 {
+    TUNING.bond.sooner * bench.caps().bond
+}
+
 impl ConicalScan<'_> {
     /// A peak of so many turns as well as they know it beside what moves it from turn to turn.
     pub(super) fn unsteady(&self, seen: &Peak, turns: u32) -> Peak {
@@ -28,7 +33,7 @@ impl ConicalScan<'_> {
 
     /// The same as it is expected.
     pub(super) fn expected_unrest_of(&self, bench: &Reactor<'_>, turns: u32) -> [f64; 2] {
-        let bonds = self.period / bench.caps().bond;
+        let bonds = self.period / sets(bench);
         let each = self.shaking.of_turns(self.scatter, bonds);
         each.map(|unrest| unrest / f64::from(turns))
     }

@@ -7,6 +7,9 @@ topic! {
     pub struct Bond in "bond", shown [Fast, Thesis, Bench] {
         /// Of being outside a tolerance, from which on a fiber is not believed.
         unsure: f64 = 1e-4, "probability", Choice;
+        /// Share of the time for which a fiber has to be held by which a bond may have set: what is stated is the most, and what shakes averages
+        /// out over as long as it really took.
+        sooner: f64 = 0.5, "1", Choice;
         /// For how long light is looked at once a fiber is attached, at first.
         look: f64 = 0.008, "s", Choice;
         /// Share of its light that may be missing then, beside noise.
