@@ -304,8 +304,10 @@ pub(super) fn of_place(
             let [one, both] = [&plain, &joint].map(|s| s.std_correlated[j]);
             if off > ASIDE * both {
                 off
-            } else {
+            } else if j == 0 {
                 (both.powi(2) - one.powi(2)).max(0.0).sqrt()
+            } else {
+                0.0
             }
         };
         let all = 0..if shows || slide { x.ncols() } else { 0 };
