@@ -1,6 +1,8 @@
 //! A record's equations: its columns filtered, differentiated and decimated alike.
 
-use super::{Friction, LEAST, Method, POSITION, Record, Settings, VOLTAGE, check, other};
+use super::{
+    Friction, LEAST, LEAST_EQUATIONS, Method, POSITION, Record, Settings, VOLTAGE, check, other,
+};
 use nalgebra::DMatrix;
 use pigtail_numerics::regression::{matrix, robust_alone};
 use pigtail_numerics::signal::{Lowpass, decimate_beside, quantile, rms};
@@ -302,11 +304,18 @@ impl Equations {
 }
 
 /// Whether filters still settle at the ends of the stretches: what the equations there leave is more than what the others
-/// do. At rest and at one speed there is nothing to settle from, and they are as good as any.
+/// do. At rest and at one speed there is nothing to settle from, and they are as good as any. Where an axis starts, stops or stands, equations leave
+/// what friction does there, beside which the ends would not show: those in which it slides are looked at, if they are enough.
 pub(super) fn unsettled(equations: &Equations) -> bool {
     let n = equations.force.len();
+    let slides = other::moves(equations);
+    let mut rows: Vec<usize> = (0..n).filter(|i| slides[*i]).collect();
+    if rows.len() < LEAST_EQUATIONS {
+        rows = (0..n).collect();
+    }
     let x = equations.matrix(Friction::Asymmetric, Method::LeastSquares);
-    let Some(found) = robust_alone(&x, &equations.force) else {
+    let force: Vec<f64> = rows.iter().map(|i| equations.force[*i]).collect();
+    let Some(found) = robust_alone(&x.select_rows(&rows), &force) else {
         return false;
     };
     // A gap is longer than the equations are apart.
@@ -325,9 +334,8 @@ pub(super) fn unsettled(equations: &Equations) -> bool {
             || k + SETTLE >= n
     };
     let part = |ends: bool| {
-        rms((0..n)
-            .filter(|k| near(*k) == ends)
-            .map(|k| found.residuals[k]))
+        let those = rows.iter().zip(&found.residuals);
+        rms(those.filter(|(k, _)| near(**k) == ends).map(|(_, r)| *r))
     };
     let (ends, others) = (part(true), part(false));
     ends > UNSETTLED * others
