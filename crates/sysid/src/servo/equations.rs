@@ -305,17 +305,22 @@ impl Equations {
 
 /// Whether filters still settle at the ends of the stretches: what the equations there leave is more than what the others
 /// do. At rest and at one speed there is nothing to settle from, and they are as good as any. Where an axis starts, stops or stands, equations leave
-/// what friction does there, beside which the ends would not show: those in which it slides are looked at, if they are enough.
+/// what friction does there, beside which the ends may not show: those in which it slides are looked at by themselves, too.
 pub(super) fn unsettled(equations: &Equations) -> bool {
     let n = equations.force.len();
     let slides = other::moves(equations);
-    let mut rows: Vec<usize> = (0..n).filter(|i| slides[*i]).collect();
-    if rows.len() < LEAST_EQUATIONS {
-        rows = (0..n).collect();
-    }
+    let sliding: Vec<usize> = (0..n).filter(|i| slides[*i]).collect();
+    let whole = sliding.len() == n;
+    unsettled_among(equations, &(0..n).collect::<Vec<_>>())
+        || !whole && sliding.len() >= LEAST_EQUATIONS && unsettled_among(equations, &sliding)
+}
+
+/// The same by some of the equations.
+fn unsettled_among(equations: &Equations, rows: &[usize]) -> bool {
+    let n = equations.force.len();
     let x = equations.matrix(Friction::Asymmetric, Method::LeastSquares);
     let force: Vec<f64> = rows.iter().map(|i| equations.force[*i]).collect();
-    let Some(found) = robust_alone(&x.select_rows(&rows), &force) else {
+    let Some(found) = robust_alone(&x.select_rows(rows), &force) else {
         return false;
     };
     // A gap is longer than the equations are apart.
