@@ -1,8 +1,6 @@
 //! A record's equations: its columns filtered, differentiated and decimated alike.
 
-use super::{
-    Friction, LEAST, LEAST_EQUATIONS, Method, POSITION, Record, Settings, VOLTAGE, check, other,
-};
+use super::{Friction, LEAST, Method, POSITION, Record, Settings, VOLTAGE, check, other};
 use nalgebra::DMatrix;
 use pigtail_numerics::regression::{matrix, robust_alone};
 use pigtail_numerics::signal::{Lowpass, decimate_beside, quantile, rms};
@@ -304,23 +302,11 @@ impl Equations {
 }
 
 /// Whether filters still settle at the ends of the stretches: what the equations there leave is more than what the others
-/// do. At rest and at one speed there is nothing to settle from, and they are as good as any. Where an axis starts, stops or stands, equations leave
-/// what friction does there, beside which the ends may not show: those in which it slides are looked at by themselves, too.
+/// do. At rest and at one speed there is nothing to settle from, and they are as good as any.
 pub(super) fn unsettled(equations: &Equations) -> bool {
     let n = equations.force.len();
-    let slides = other::moves(equations);
-    let sliding: Vec<usize> = (0..n).filter(|i| slides[*i]).collect();
-    let whole = sliding.len() == n;
-    unsettled_among(equations, &(0..n).collect::<Vec<_>>())
-        || !whole && sliding.len() >= LEAST_EQUATIONS && unsettled_among(equations, &sliding)
-}
-
-/// The same by some of the equations.
-fn unsettled_among(equations: &Equations, rows: &[usize]) -> bool {
-    let n = equations.force.len();
     let x = equations.matrix(Friction::Asymmetric, Method::LeastSquares);
-    let force: Vec<f64> = rows.iter().map(|i| equations.force[*i]).collect();
-    let Some(found) = robust_alone(&x.select_rows(rows), &force) else {
+    let Some(found) = robust_alone(&x, &equations.force) else {
         return false;
     };
     // A gap is longer than the equations are apart.
@@ -339,8 +325,9 @@ fn unsettled_among(equations: &Equations, rows: &[usize]) -> bool {
             || k + SETTLE >= n
     };
     let part = |ends: bool| {
-        let those = rows.iter().zip(&found.residuals);
-        rms(those.filter(|(k, _)| near(**k) == ends).map(|(_, r)| *r))
+        rms((0..n)
+            .filter(|k| near(*k) == ends)
+            .map(|k| found.residuals[k]))
     };
     let (ends, others) = (part(true), part(false));
     ends > UNSETTLED * others
