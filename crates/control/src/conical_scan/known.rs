@@ -11,7 +11,7 @@ use crate::tuning::TUNING;
 use pigtail_model::frames::Displacement;
 
 /// Over as little as shaking may average out while a fiber's bond sets, seconds.
-pub(super) fn sets(bench: &Reactor<'_>) -> f64 {
+pub(super) fn shortest_bond(bench: &Reactor<'_>) -> f64 {
     TUNING.bond.sooner * bench.caps().bond
 }
 
@@ -33,7 +33,7 @@ impl ConicalScan<'_> {
 
     /// The same as it is expected.
     pub(super) fn expected_unrest_of(&self, bench: &Reactor<'_>, turns: u32) -> [f64; 2] {
-        let bonds = self.period / sets(bench);
+        let bonds = self.period / shortest_bond(bench);
         let each = self.shaking.of_turns(self.scatter, bonds);
         each.map(|unrest| unrest / f64::from(turns))
     }

@@ -1,7 +1,7 @@
 //! What light on the circle tells beside where the peak is: how wide the spot is, whether the micro swings, how the
 //! tip shakes.
 
-use super::known::sets;
+use super::known::shortest_bond;
 use super::{ConicalScan, Gap};
 use crate::beam::{Peak, Reading};
 use crate::gap_by_light::{Circles, Rounds, Width};
@@ -223,7 +223,7 @@ impl ConicalScan<'_> {
             self.forgets.min(TUNING.watch.glance)
         } * bench.settling(self.watch.group);
         let rate = bench.caps().channels[self.watch.meter.0].rate;
-        let bond = ((sets(bench) * rate).round() as usize).max(1);
+        let bond = ((shortest_bond(bench) * rate).round() as usize).max(1);
         // Piezos creep meanwhile, ever more slowly.
         let straight = (TUNING.watch.straight * rate).round() as usize;
         let straight = straight.max(4 * bond);

@@ -541,7 +541,9 @@ fn short_moves_have_no_clock_that_runs_apart() {
     // Of 1,064 such records these were told a voltage of 2 to 5 samples before or after its row that lost a whole sample on its way, and inertias off by
     // 4 to 7 deviations.
     for seed in [310_003, 310_290, 310_493, 310_647] {
-        for [off, known, _] in servo("moves", seed).of {
+        let said = servo("moves", seed).of;
+        assert_eq!(said.len(), SERVO.len(), "{seed} is answered");
+        for [off, known, _] in said {
             assert!(
                 off.abs() < 3.0 * known,
                 "{seed}: off by {off}, said {known}"

@@ -172,10 +172,13 @@ impl Place {
             if best.0 < WORTH * left.norm_squared() {
                 break;
             }
-            // Where the longest and the next one try are in step at one end, they are a fifth of a wave apart at the other.
+            // From one try to the next there are three hundredths more waves: of ten, a third of one at the end of the stroke.
             let near = |k: f64| -told(cycles(k));
             let at = best.1 as f64;
-            place.cycles[k] = cycles(least((at - 1.0, at + 1.0), FINER, near));
+            let finer = least((at - 1.0, at + 1.0), FINER, near);
+            // Between short ones there may be others that tell much, and some that would tell what the acceleration does.
+            let at = if -near(finer) > best.0 { finer } else { at };
+            place.cycles[k] = cycles(at);
         }
         Some(place)
     }
@@ -212,7 +215,7 @@ pub(super) fn taken_out(columns: &mut Equations, place: &Place) {
     }
     let parts = all.select_rows(&rows).qr();
     let (span, shares) = (parts.q(), parts.r());
-    let without = |column: &mut Vec<f64>| {
+    let take_out = |column: &mut Vec<f64>| {
         let told = DVector::from_iterator(rows.len(), rows.iter().map(|i| column[*i]));
         let Some(shares) = shares.solve_upper_triangular(&span.tr_mul(&told)) else {
             return;
@@ -223,10 +226,10 @@ pub(super) fn taken_out(columns: &mut Equations, place: &Place) {
     };
     let mut told = columns.clone();
     for column in told.regressors_mut() {
-        without(column);
+        take_out(column);
     }
     for column in [&mut columns.force, &mut columns.lag, &mut columns.curve] {
-        without(column);
+        take_out(column);
     }
     columns.told = Some(Box::new(told));
 }
