@@ -147,6 +147,8 @@ pub struct ConicalScan<'r> {
     flicker: Flicker,
     /// How well the peak is to be known, metres.
     wanted: f64,
+    /// ...and so many times as many turns as usual may be made for that.
+    more: f64,
     /// How steeply light rises along the chip's z where the tip is, where that was measured.
     rise: Option<Rise>,
     /// How far beside a circle's middle the group comes to rest, of the circle's radius, one standard deviation.
@@ -206,6 +208,7 @@ impl<'r> ConicalScan<'r> {
             scatter: ([0.0; 2], 0.0),
             flicker: Flicker::default(),
             wanted: f64::INFINITY,
+            more: 1.0,
             rise: None,
             hides: TUNING.last.hidden,
             forgets: TUNING.watch.forgets,

@@ -70,8 +70,8 @@ impl<'r> LastTries<'r> {
 
     /// Asks for a peak that is known better, or watches how the tip shakes, after a place that is `known` so well was not surely within a
     /// tolerance (metres). What shakes cannot be made less; the peak can be known better, but for one too dim to
-    /// be. Watching does not help where that is all that is missing. As long as it can come to be sure the last try is not the last, where
-    /// there is patience.
+    /// be. Watching does not help where that is all that is missing; where neither is enough by itself both are done. As long as it can come to be sure
+    /// the last try is not the last, where there is patience.
     ///
     /// # Errors
     ///
@@ -88,18 +88,22 @@ impl<'r> LastTries<'r> {
         let dim = known.worse() > share.sqrt() * self.best;
         self.best = self.best.min(known.worse());
         let better = known.seen(share * share);
+        // A drift may have been seen by chance.
+        let finest = known.seen((TUNING.last.finest / known.worse()).min(1.0));
+        // No peak is known so well that it would be sure of a tip of which so little is known.
+        let both = |tip: &Believed| !sure(tip, finest) && tip.may_be_sure(tolerance, finest);
         let watching_helps = |shaking: &Shaking| {
             let tip = shaking.believed();
             let by_turns = !dim && sure(&tip, better);
-            !by_turns && !sure(&tip, known) && tip.may_be_sure(tolerance, known)
+            let helps = tip.may_be_sure(tolerance, known) || both(&tip);
+            !by_turns && !sure(&tip, known) && helps
         };
-        if self.watched > 0 || !watching_helps(&scan.shaking()) {
+        let tip = scan.shaking().believed();
+        if self.watched > 0 || both(&tip) || !watching_helps(&scan.shaking()) {
             self.accuracy = (share * self.accuracy).max(TUNING.last.finest);
         }
         scan.watch_while(bench, gap, &mut self.watched, watching_helps)
             .await?;
-        // A drift may have been seen by chance.
-        let finest = known.seen((TUNING.last.finest / known.worse()).min(1.0));
         if sure(&scan.shaking().believed(), finest) && self.is_last() && self.patience > 0 {
             self.patience -= 1;
             self.does_not_count();

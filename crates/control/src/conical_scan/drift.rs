@@ -41,6 +41,11 @@ impl Drift {
         }
     }
 
+    /// How well its way is known, at worst, metres a turn.
+    pub(super) fn deviation(&self) -> f64 {
+        self.deviations[0].max(self.deviations[1])
+    }
+
     /// A place as well as it is known that was led along for so many turns: what is not known of the drift grows with them, and a part of it may not go
     /// on.
     pub(super) fn for_turns(&self, turns: f64, known: Known) -> Known {

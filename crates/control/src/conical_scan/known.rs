@@ -101,6 +101,24 @@ impl ConicalScan<'_> {
         (both.at, [both.known, expected])
     }
 
+    /// How many turns on the small circle are made where the `first` of them tells so little: until they tell what is wanted, or as many as usual. Where
+    /// other tries have come to no sure place as many more are, as long as they tell more than the peak strays meanwhile.
+    pub(super) fn looks_on(&self, first: &Peak) -> u32 {
+        let each = self.unsteady(first, 1).deviation();
+        let drift = self.steadily().deviation();
+        let strays = |times| {
+            let moves = TUNING.last.unforeseen * self.creep_in(times);
+            moves.hypot(drift * f64::from(times - 1))
+        };
+        looks(each, self.wanted, self.more, strays)
+    }
+
+    /// How far piezos creep from the middle of so many small turns until the fiber is fixed, metres.
+    pub(super) fn creep_in(&self, times: u32) -> f64 {
+        let older = 1.0 + 0.5 * f64::from(times - 1) * self.creeps();
+        TUNING.ahead.creep * self.slower * older
+    }
+
     /// How well a place is known until the fiber is fixed there, so many turns on the small circle after it was foreseen, of which light tells so much, at
     /// most and as expected. Its spot may be wider than believed and stages askew, by which it is so far `behind` or `aside`; to `rest` it takes so
     /// many turns, and stays there for some `later`.
@@ -114,8 +132,8 @@ impl ConicalScan<'_> {
         // How far piezos creep until the fiber is fixed was foreseen, but for a part; and as much of
         // what moves on while a micro that rings comes to rest, such as a macro that creeps.
         let creep = TUNING.ahead.creep * self.slower;
-        let older = 1.0 + 0.5 * f64::from(times - 1) * self.creeps();
-        let moves = creep * older + creep.max(self.drift.norm()) * later;
+        let crept = self.creep_in(times);
+        let moves = crept + creep.max(self.drift.norm()) * later;
         let at_most = Across {
             sigma: [0, 1].map(|i| {
                 let moves = TUNING.last.unforeseen * moves;
@@ -136,7 +154,7 @@ impl ConicalScan<'_> {
         let drift = [self.drift.x, self.drift.y].map(f64::abs);
         let expected = Across {
             sigma: [0, 1].map(|i| {
-                let moves = creep.min(drift[i]) * older + drift[i] * later;
+                let moves = crept * (drift[i] / creep).min(1.0) + drift[i] * later;
                 let moves = TUNING.last.unforeseen * moves;
                 expected[i].hypot(moves).hypot(askew[i].0)
             }),
@@ -144,5 +162,37 @@ impl ConicalScan<'_> {
             askew,
         };
         Known { at_most, expected }
+    }
+}
+
+/// How many turns are made of which each tells a peak to a deviation of `each` where one of `wanted` is asked for (metres): `more` times as many as usual at
+/// most, and beyond the usual ones no more than leave least in doubt where in so many a peak `strays` so far (metres).
+fn looks(each: f64, wanted: f64, more: f64, strays: impl Fn(u32) -> f64) -> u32 {
+    let asked = (each / wanted).powi(2).ceil();
+    let usual = asked.clamp(1.0, TUNING.last.looks) as u32;
+    let most = asked.min(TUNING.last.looks * more) as u32;
+    let doubt = |times: u32| (each / f64::from(times).sqrt()).hypot(strays(times));
+    (usual..=most)
+        .min_by(|a, b| doubt(*a).total_cmp(&doubt(*b)))
+        .unwrap_or(usual)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_dim_peak_is_looked_at_for_longer_where_it_was_not_sure_and_no_longer_than_that_tells() {
+        let stays = |_| 0.0;
+        assert_eq!(looks(10e-9, 20e-9, 1.0, stays), 1);
+        assert_eq!(looks(80e-9, 20e-9, 1.0, stays), 6);
+        assert_eq!(looks(80e-9, 20e-9, 3.0, stays), 16);
+        assert_eq!(looks(80e-9, 5e-9, 16.0, stays), 96);
+        // 80 nm / sqrt(n) and 1 nm n together are least at n^3 = 80^2 / 2.
+        let drifts = |times: u32| 1e-9 * f64::from(times);
+        assert_eq!(looks(80e-9, 5e-9, 16.0, drifts), 15);
+        // No fewer than usual.
+        let runs = |times: u32| 50e-9 * f64::from(times);
+        assert_eq!(looks(80e-9, 5e-9, 16.0, runs), 6);
     }
 }

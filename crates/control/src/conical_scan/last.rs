@@ -55,7 +55,7 @@ impl ConicalScan<'_> {
     ) -> Result<Peak, Halt> {
         let most = TUNING.last.most_turns * self.shape.turns;
         let start = self.centre;
-        self.wanted = accuracy;
+        (self.wanted, self.more) = (accuracy, more);
         let (mut dark, mut deviation, mut misfit, mut best) = (0, f64::INFINITY, 0.0, None);
         let mut follows = Follows::default();
         let mut seen: Vec<Turn> = Vec::with_capacity(self.shape.turns as usize);
@@ -356,8 +356,7 @@ impl ConicalScan<'_> {
         first: Peak,
         phase: &'static str,
     ) -> Result<(Peak, u32), Halt> {
-        let each = self.unsteady(&first, 1).deviation() / self.wanted;
-        let times = (each * each).ceil().clamp(1.0, TUNING.last.looks) as u32;
+        let times = self.looks_on(&first);
         // Where turns tell as they do on a bench that nobody has measured, all of them are put together elsewhere.
         let times = if self.wary { 1 } else { times };
         let (mut at, mut full) = (first.at, first.full);
@@ -437,11 +436,14 @@ impl ConicalScan<'_> {
         let small = radius * radius;
         let near = self.look_near(bench, gap, foreseen, radius, phase);
         let Near {
-            seen,
+            mut seen,
             times,
             old,
             rings,
         } = near.await?;
+        // What warms has gone on meanwhile: half as far since the middle of these turns as since what was foreseen.
+        let (drift, looked) = (self.steadily(), f64::from(times - 1));
+        seen.at += drift.way * (0.5 * looked);
         if let Some(shakes) = self.shakes(&seen, gap)
             && !self.shaking.is_watched()
         {
@@ -451,7 +453,9 @@ impl ConicalScan<'_> {
         let may_ring = self.may_ring(&seen, gap, radius);
         let behind = width.map_or([0.0; 2], |width| self.behind(gap, &width, &seen));
         let (beside, aside) = self.aside(gap, width.as_ref());
-        let foreseen = &late(foreseen, old);
+        let mut foreseen = late(foreseen, old);
+        foreseen.at += drift.way * looked;
+        let foreseen = &foreseen;
         if let Some(Moved { way, near }) = Moved::of(foreseen, &self.unsteady(&seen, times), 0.0) {
             return Err(Outcome::Unsure {
                 deviation: way,
@@ -500,7 +504,6 @@ impl ConicalScan<'_> {
         self.shrink(bench, gap, 0.0, last).await?;
         self.last_for(bench, Gap::Steady(gap), soon).await?;
         // The peak moves on meanwhile as it did from turn to turn.
-        let drift = self.steadily();
         self.follow_drift(bench, gap, (drift.way, settling - soon))
             .await?;
         self.follow_drift(bench, gap, (self.drift, longer)).await?;
@@ -516,7 +519,7 @@ impl ConicalScan<'_> {
             return Err(Outcome::Misshapen { misfit, accepted }.into());
         }
         let known = self.until_fixed(by_light, (behind, aside), times, (rest, later));
-        let known = drift.for_turns(followed, known);
+        let known = drift.for_turns(followed + looked, known);
         let deviation = full
             * f64::hypot(
                 (1.0 + power) * seen.full_deviation / seen.full,

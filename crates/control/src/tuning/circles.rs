@@ -77,7 +77,8 @@ topic! {
         /// Standard deviations by which a small turn may see the peak beside where it was foreseen, and is believed by itself: beyond, another one is to see it
         /// there too. By chance one of ten fibers is looked at once more.
         doubtful: f64 = 2.0, "sigma", Choice;
-        /// Turns on the small circle at most, where one of them does not tell enough.
+        /// Turns on the small circle at most, where one of them does not tell enough; as many times as many as on the wide one where a try has come to no
+        /// sure place.
         looks: f64 = 6.0, "turns", Choice;
         /// Radius of the small turn at least, enough for light without noise: the smaller, the better the light on it tells that at
         /// its middle.
